@@ -5,7 +5,7 @@
 ...     for update in caesura.results("cell-1"):
 ...         print(update.segments)
 
-A name is imported at its first use, so that the command starts before the libraries of the network are there.
+A name is imported at its first use, so that the command starts before the network libraries are loaded.
 """
 
 from __future__ import annotations

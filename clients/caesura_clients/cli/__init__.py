@@ -1,6 +1,8 @@
-"""The command `caesura`. It assembles itself from what is installed: every entry point of the group
-`caesura.commands` names a function that adds its commands; a command's own module is imported when it runs.
-Those whose extra is missing are not listed, but using one prints what to install.
+"""The command `caesura`. Its subcommands depend on what is installed.
+
+Every entry point of the group `caesura.commands` names a function that adds its commands. A command's own
+module is imported when it runs. A command whose extra is missing is not listed; using it prints what to
+install.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ COMMANDS_OF_EXTRA: Mapping[str, tuple[str, ...]] = {
 
 
 def build(found: Iterable[EntryPoint] | None = None) -> typer.Typer:
-    """The application with every command that can be imported."""
+    """Return the application with every command that can be imported."""
     app = typer.Typer(
         name="caesura",
         help="Divides a kinaesthetic demonstration, while it is taught, into segments with a meaning.",
@@ -81,7 +83,7 @@ def _names(app: typer.Typer) -> set[str]:
 
 
 def _stand_in(app: typer.Typer, name: str, extra: str) -> None:
-    """A command that takes anything, says what it needs, and is not listed."""
+    """Add an unlisted placeholder command that takes any arguments and prints what to install."""
     anything = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
 
     @app.command(name, hidden=True, context_settings=anything)

@@ -1,15 +1,16 @@
 """Access control of the dashboard, applied before any other handler sees a request.
 
-Rule 1: pages of other sites must not reach it through an operator's browser. A request must name one of the
-dashboard's host names (or DNS could be bent to it), and a socket or a form has to come from its own pages.
-Rule 2: with a password nothing but the login is answered without its cookie.
-Rule 3: a wrong password delays its own address and no other. Until then no password from there is compared.
-The connection says which address that is, or a proxy that the operator has named (`proxies.py`). Of all
-addresses together only so many wrong passwords are compared; who has logged in before waits for none of them.
-Rule 4: pages load from here and nowhere else; the browser holds that as well, by Content-Security-Policy.
+Rule 1: pages of other sites must not reach the dashboard through an operator's browser. The Host of a request
+must be one of the dashboard's names (against DNS rebinding), and a socket or a form must come from its own
+pages. Rule 2: with a password, only the login page is served without the login's cookie. Rule 3: a wrong
+password delays only its own address, and no password from there is compared during the delay. The address is
+that of the connection, or the one stated by a proxy that the operator has named (`proxies.py`). The number of
+wrong passwords compared for all addresses together is limited; addresses that have logged in before are
+exempt from this limit. Rule 4: pages load content only from the dashboard; the browser enforces that by
+Content-Security-Policy.
 
-There is no TLS here. Where other machines look at it, a reverse proxy has to bring it, or the password can be
-read on the way.
+The dashboard has no TLS. For access from other machines a reverse proxy must add it, or the password can be
+read on the network.
 """
 
 from __future__ import annotations
@@ -63,11 +64,11 @@ input, button {{ font: inherit; padding: .5rem; width: 100%; box-sizing: border-
 
 
 class Attempts:
-    """Wrong passwords by address, at most PEERS of them, and the waits that follow. clock: [s].
+    """Wrong passwords by address, at most PEERS addresses, and the resulting delays. clock: [s].
 
     An address waits WRONG_S after a wrong password of its own. Of all addresses, WRONG_AT_ONCE wrong
-    passwords are compared at once, then WRONG_PER_S. Beyond, all addresses wait but this machine and those
-    that have logged in before.
+    passwords are compared at once, then WRONG_PER_S. Beyond that limit all addresses wait, except this
+    machine and those that have logged in before.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -93,7 +94,7 @@ class Attempts:
         self._counted = self._clock()
 
     def right(self, peer: str) -> None:
-        """Record a right password of the address: it no longer waits for attempts of other addresses."""
+        """Record a right password of the address: the limit for all addresses no longer applies to it."""
         if peer not in self._known:
             self._known.append(peer)
 
@@ -105,9 +106,10 @@ class Attempts:
 
 
 class AccessMiddleware:
-    """ASGI middleware. names: hosts it may be asked as, None for any; password: None for none.
+    """ASGI middleware that enforces the rules of this module.
 
-    proxies: those whose word on who asks is taken.
+    names: accepted hosts, None for any; password: None for none; proxies: trusted to state the visitor's
+    address.
     """
 
     def __init__(
@@ -213,7 +215,7 @@ async def _body(receive: Receive) -> bytes:
 async def _answer(
     scope: Scope, send: Send, status: int, text: str, *more: tuple[bytes, bytes], html: bool = False
 ) -> None:
-    """Send an answer of the dashboard itself; close a socket, which the browser sees as refused."""
+    """Send a response of the middleware; a WebSocket is closed, which the browser sees as refused."""
     if scope["type"] == "websocket":
         await send({"type": "websocket.close", "code": 1008})
         return

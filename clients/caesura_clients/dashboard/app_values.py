@@ -1,4 +1,4 @@
-"""The values of an app as a form shows them: texts, and numbers in the units of the page, rounded."""
+"""Converts the values of an app to those of a form: texts, and rounded numbers in the units of the page."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ SCALES: Mapping[str, tuple[float, int]] = {  # from the wire to the page, and th
 
 
 def shown_texts(app: App) -> dict[str, str]:
-    """Name, note and name of the position; empty where there is none."""
+    """Return the name, note and position name of an app; empty texts where it has none."""
     return {name: getattr(app, name) or "" for name in TEXTS}
 
 
 def shown_numbers(app: App) -> dict[str, Any]:
-    """The numbers that can be edited of the app."""
+    """Return the editable numbers of an app by field."""
     return {name: shown_value(name, read(app)) for name, has, read in _NUMBERS if has(app)}
 
 
 def shown_values(app: App) -> dict[str, Any]:
-    """Texts and numbers."""
+    """Return the texts and editable numbers of an app by field."""
     return {**shown_texts(app), **shown_numbers(app)}
 
 
 def shown_value(field: str, value: Any) -> Any:
-    """A value of the wire, as the page has it.
+    """Return a value of a message in the units of the page.
 
     >>> shown_value("target", (0.3, 0.0, 0.25004)), shown_value("speed", 0.5), shown_value("name", "home")
     ([300.0, 0.0, 250.0], 50, 'home')

@@ -1,6 +1,7 @@
-"""Bounds what the libraries of the dashboard log: an event that a page has not made raises an error in them.
+"""Rate limits and shortens the log messages of the dashboard's libraries.
 
-Each such event of a visitor wrote a traceback. What a visitor sends as text went into the log as it was.
+An event that no page has made raises an error in these libraries. Each such event of a visitor would write a
+traceback, and a visitor's text would be logged unchanged.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ _FORMAT = logging.Formatter()
 
 
 class BoundedLog(logging.Filter):
-    """Passes AT_ONCE messages and PER_S of them, each cut to TEXT and on one line. Any thread may log."""
+    """Passes AT_ONCE messages, then PER_S per second, each cut to TEXT and on one line. Thread-safe."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__()
@@ -31,7 +32,9 @@ class BoundedLog(logging.Filter):
         self._left_out = 0
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether a message passes; it states how many did not since the last one."""
+        """Return whether a message passes; a message that passes states how many did not since the last
+        one.
+        """
         with self._lock:
             if not self._limit.allows("library"):
                 self._left_out += 1
@@ -45,6 +48,6 @@ class BoundedLog(logging.Filter):
 
 
 def bound_logs() -> None:
-    """Bound the loggers of the libraries, each by itself."""
+    """Attach a separate limit to each logger of the libraries."""
     for name in LOGGERS:
         logging.getLogger(name).addFilter(BoundedLog())

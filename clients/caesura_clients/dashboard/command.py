@@ -1,4 +1,4 @@
-"""The command of the dashboard."""
+"""Registers the command `dashboard`."""
 
 from importlib.util import find_spec
 
@@ -8,6 +8,6 @@ from caesura_protocol.lazy_commands import add_command
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command, where its extra is installed."""
+    """Add the command `dashboard`, if its extra is installed."""
     if find_spec("nicegui") is not None:
         add_command(app, "dashboard", "caesura_clients.dashboard.dashboard_command:dashboard")

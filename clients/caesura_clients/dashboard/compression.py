@@ -1,4 +1,6 @@
-"""Files of the pages, compressed on their way: a page stays below 1 MB. What changes is sent as it is."""
+"""Compresses the static files of the pages, so that a page stays below 1 MB. Dynamic content is not
+compressed.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,7 @@ REQUEST: Scope = {  # of a browser on this machine
 
 
 def _asked() -> Receive:
-    """A request without content, of a browser that does not leave."""
+    """Return an ASGI request message without content, for a client that does not disconnect."""
     messages: list[Message] = [{"type": "http.request", "body": b"", "more_body": False}]
 
     async def receive() -> Message:
@@ -41,15 +43,15 @@ def _asked() -> Receive:
 
 
 async def _dropped(_message: Message) -> None:
-    """Discard a message: no browser receives it."""
+    """Discard an ASGI message: no browser receives it."""
 
 
 class FileCompression(GZipMiddleware):
-    """Compresses what is loaded once and kept by the browser. paths: how their paths begin.
+    """ASGI middleware that compresses the files that a browser caches. paths: prefixes of their paths.
 
-    Each file is read and compressed once: an answer stays in memory until the process ends. prepared: a page;
-    it is built, and its files are compressed, as soon as the application has started, before a browser asks.
-    modules: further files of an import map, each by the name of its package and its path there.
+    Each file is read and compressed once: the response stays in memory until the process ends. prepared: path
+    of a page that is built, and whose files are compressed, when the application starts, before the first
+    request. modules: further files of an import map, each by the name of its package and its path there.
     """
 
     def __init__(
@@ -65,7 +67,7 @@ class FileCompression(GZipMiddleware):
         self._answers: dict[tuple[str, bool], list[Message]] = {}  # by path, and whether gzip is accepted
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer compressed, or hand on."""
+        """Send a compressed response, or pass the request on to the application."""
         if scope["type"] == "lifespan" and self._prepared is not None:
             over, preparing = asyncio.Event(), list[asyncio.Task[None]]()
 
@@ -95,7 +97,7 @@ class FileCompression(GZipMiddleware):
             await send(dict(message))  # what stands around this adds headers
 
     async def _prepare(self, started: Scope, over: asyncio.Event) -> None:
-        """Build the prepared page, and keep its files. over: is set when the application ends."""
+        """Build the prepared page, and cache its files. over: set when the application ends."""
         page: list[bytes] = []
 
         async def keep(message: Message) -> None:
@@ -116,7 +118,7 @@ class FileCompression(GZipMiddleware):
             await self(request(path), _asked(), _dropped)
 
     def _files_of(self, page: str) -> set[str]:
-        """The paths of the files that a page loads, and of the modules; an import map names many more."""
+        """Return the paths of the files and modules that a page loads; its import map lists many more."""
         named = set(re.findall(r"""(?:href=|src=|from )["'](/[^"'\s?]+)["']""", page))
         for package, path in self._modules:
             found = re.search(rf'"{re.escape(package)}/": ?"(/[^"]+)"', page)
@@ -124,7 +126,7 @@ class FileCompression(GZipMiddleware):
         return {path for path in named if path.startswith(self._paths)}
 
     async def _read(self, scope: Scope, receive: Receive) -> list[Message]:
-        """Return the messages of an answer, with its body in one message."""
+        """Return the messages of a response, with its whole body in one message."""
         answer: list[Message] = []
 
         async def keep(message: Message) -> None:

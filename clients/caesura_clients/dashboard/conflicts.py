@@ -1,6 +1,6 @@
-"""Fields that an operator typed into, compared with the changes of another one since the form was filled.
+"""Detects conflicts between the fields of a form and another operator's changes since the form was filled.
 
-Where both changed the same field, the operator is asked. Where they changed different ones, both count.
+If both changed the same field, the operator is asked. If they changed different ones, both changes apply.
 """
 
 from __future__ import annotations
@@ -29,7 +29,9 @@ _SUCCESS: Mapping[bool | None, str] = {True: "yes", False: "no", None: ""}
 
 
 class EditConflict(EditRefused):
-    """Another operator has changed what was typed into. found: the values by now, as the page has them."""
+    """Another operator has changed a field of the form. found: the current values, in the units of the
+    page.
+    """
 
     def __init__(self, words: str, found: dict[str, Any]) -> None:
         super().__init__(words)
@@ -37,7 +39,7 @@ class EditConflict(EditRefused):
 
 
 def redescribed(command: Describe, present: Description) -> Describe:
-    """Return the same change to the description as it is now. Raises EditConflict."""
+    """Return the same change to the current description. Raises EditConflict."""
     before, wanted = dict(command.before), dict(command.description)
     typed = {name: value for name, value in wanted.items() if value != before[name]}
     now = dict(present)
@@ -61,10 +63,10 @@ def _stated(field: str, value: Any) -> str:
 
 
 def edited_again(command: EditProgram, seen: Values, program: Program) -> EditProgram:
-    """Return the same edit for the program as it is now. Raises EditConflict.
+    """Return the same edit for the current program. Raises EditConflict.
 
-    seen: what the form showed of each field before it was typed into, in the units of the page; of a target
-    None for each coordinate that was not typed.
+    seen: the value that the form showed before the operator typed, by field, in the units of the page; a
+    target has None for each coordinate that was not typed.
     """
     action = command.action
     if isinstance(action, NameProgram):
@@ -88,7 +90,7 @@ def _check_name(action: NameProgram, seen: Values, program: Program) -> None:
 
 
 def _changed(action: ChangeApp, seen: Values, app: App) -> ChangeApp:
-    """Return the change, with the present value of each axis of its target that was not typed.
+    """Return the change, with the current value of each coordinate of its target that was not typed.
 
     Raises EditConflict.
     """
@@ -112,7 +114,9 @@ def _changed(action: ChangeApp, seen: Values, app: App) -> ChangeApp:
 
 
 def _wanted(action: ChangeApp) -> Iterator[tuple[str, Any]]:
-    """The fields that a change sets, with their values as the page has them; "" where one is cleared."""
+    """Yield the fields that a change sets, with their values in the units of the page; "" for a cleared
+    field.
+    """
     for name in FIELD_WORDS:
         if (value := getattr(action, name, None)) is not None:
             yield name, shown_value(name, value)
@@ -121,9 +125,9 @@ def _wanted(action: ChangeApp) -> Iterator[tuple[str, Any]]:
 
 
 def _met(seen: Any, now: Any, wanted: Any) -> tuple[Any] | None:
-    """Return the present value in a 1-tuple if it is neither the seen nor the wanted one; else None.
+    """Return the current value in a 1-tuple if it is neither the seen nor the wanted one; else None.
 
-    Of a list that was seen, such as a target, the value has None for each axis without a conflict.
+    If the seen value is a list, such as a target, the result has None for each axis without a conflict.
     """
     both = isinstance(now, list) and isinstance(wanted, list)
     if both and isinstance(seen, list) and len(seen) == len(now):
@@ -138,7 +142,9 @@ def _author(app: App, field: str) -> str:
 
 
 def _valued(field: str, value: Any, there: Any = None) -> str:
-    """A value of an app in the units of the page. there: of a target, None for axes that are left out."""
+    """Return a value of an app as text in the units of the page. there: of a target, None for axes to
+    leave out.
+    """
     if field not in SCALES:
         return _quoted(value)
     unit = UNITS.get(field, "mm")
@@ -152,7 +158,7 @@ def _valued(field: str, value: Any, there: Any = None) -> str:
 def _met_in_words(author: str, field: str, there: str, typed: str) -> str:
     """Return text on another author's change of a field to `there`, and on the typed value.
 
-    there, typed: as text, "" for a field that is cleared.
+    there, typed: texts, "" for a cleared field.
     """
     what = FIELD_WORDS.get(field, field)
     did = f"has set the {what} to {there}" if there else f"has cleared the {what}"

@@ -1,4 +1,4 @@
-"""`caesura dashboard`. NiceGUI is imported when the command runs: the others start as fast without it."""
+"""`caesura dashboard`. NiceGUI is imported when the command runs, so that other commands start fast."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sessions as a LeRobot dataset in a zip file. Samples come from the journal of the service."""
+"""Writes sessions as a LeRobot dataset in a zip file, with samples from the journal of the service."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ _ONE_AT_A_TIME = threading.Lock()  # each holds its samples in memory
 def zipped_dataset(gateway: NetworkFollower, named: Sequence[tuple[str, str]]) -> bytes:
     """Return a dataset with an episode for each session.
 
-    named: station and session. Raises CaesuraError, which names the session that makes no episode, or
-    ProtocolError.
+    named: station and session of each episode. Raises ProtocolError, or CaesuraError, which names a session
+    that cannot be an episode.
     """
     with import_extra("lerobot", "a LeRobot dataset"):
         from caesura_protocol.formats.lerobot_write import write_lerobot  # noqa: PLC0415 - needs pyarrow

@@ -1,6 +1,6 @@
-"""Starting, stopping and describing demonstrations from the browser.
+"""Starts, stops and describes demonstrations at the request of a browser.
 
-Nothing that a browser sends is trusted: names, texts and ids are checked as the wire has them.
+Requests of a browser are not trusted: names, texts and ids are validated as in messages.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ ACTIONS: TypeAdapter[Start | Stop | Describe] = TypeAdapter(
 
 
 class DemonstrationDesk:
-    """Carries out what an operator asks for at a station; returns what was done, in words."""
+    """Executes an operator's requests at a station; returns the outcome as text."""
 
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
 
     def carry_out(self, station: str, request: Request) -> str:
-        """Start, stop or describe. Raises EditRefused, which says why in words, and EditConflict."""
+        """Start, stop or describe. Raises EditRefused with the reason as text, and EditConflict."""
         command = parse(request)
         try:
             if isinstance(command, Describe):
@@ -49,7 +49,7 @@ class DemonstrationDesk:
         return f"{ack.session} is over." if isinstance(command, Stop) else f"{ack.session} has begun."
 
     def _describe(self, station: str, command: Describe) -> None:
-        """Change what is stated by now, unless another operator has changed the same."""
+        """Change the current description, unless another operator has changed the same field."""
         for attempt in range(1, ATTEMPTS + 1):
             try:
                 send(self._transport, station, command)
@@ -83,7 +83,7 @@ def _described(command: Describe) -> str:
 def controls(world: DashboardState, station: str, *, may_operate: bool) -> dict[str, Any]:
     """Return the payload of Start and Stop: which can be pressed, and the reason if Start cannot.
 
-    It also has the last outcome, and the tasks that an operator can choose.
+    The payload also states the last outcome, and the tasks that an operator can choose.
     """
     status = world.standby.get(station)
     why = _why_not_start(world, station, status, may_operate)
@@ -137,7 +137,7 @@ def _unknown(world: DashboardState, station: str) -> str:
 
 
 def _outcome(status: BridgeStatus | None) -> str:
-    """Return text on a last demonstration that did not simply end, or on why a button began none.
+    """Return text on a last demonstration that did not end normally, or on why a button press began none.
 
     Empty without either.
     """
@@ -149,7 +149,7 @@ def _outcome(status: BridgeStatus | None) -> str:
 
 
 def _last_task(world: DashboardState, station: str) -> str:
-    """The task that was taught last at the station: a suggestion for the next one."""
+    """Return the task of the station's last session: the default for the next one."""
     for session in world.sessions(station):
         update = world.update(station, session)
         if update is not None and update.status.description.task:
@@ -158,7 +158,7 @@ def _last_task(world: DashboardState, station: str) -> str:
 
 
 def _stated(world: DashboardState, field: str) -> list[str]:
-    """Every value of a field of the descriptions, once, sorted."""
+    """Return the distinct values of a field in all descriptions, sorted."""
     found = {getattr(one.status.description, field) for one in world.updates.values()}
     return sorted(value for value in found if value)
 

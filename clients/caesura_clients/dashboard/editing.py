@@ -1,6 +1,6 @@
-"""Corrections from the browser to the service: the only path by which the dashboard changes anything.
+"""Sends corrections from the browser to the service.
 
-Nothing that a browser sends is trusted: it has to be an `Edit` as the wire has it.
+Requests of a browser are not trusted: each is validated as an `Edit`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _ASKED: TypeAdapter[Action | Since] = TypeAdapter(Annotated[Action | Since, Fiel
 
 
 class EditRefused(Exception):  # noqa: N818 - the service refused; nothing failed here
-    """A correction that was not made; says why in words for an operator."""
+    """A correction was not made; the text states why, for an operator."""
 
 
 def corrector(transport: Transport) -> Corrector:
@@ -56,8 +56,8 @@ def preview(
 ) -> dict[str, Any]:
     """Return the effect of a correction, or of all since one, as text and rows of segments [s].
 
-    `span` [s] holds them. For a correction that would be refused: the reason, and no row. clock: of the
-    session, for the text.
+    `span` [s] is their extent in time. For a correction that would be refused: the reason, and no row. clock:
+    of the session, for the text.
     """
     try:
         asked = parse_preview(request)
@@ -111,7 +111,7 @@ def _parsed(model: type[M], action: TypeAdapter[Any], request: Request, names: S
 
 
 def said(error: ProtocolError, action: Refused | None = None, clock: SessionClock = NO_OFFSET) -> str:
-    """Return a refusal as a sentence for an operator. action: that was refused; clock: of its session."""
+    """Return a refusal as a sentence for an operator. action: the refused one; clock: of its session."""
     return f"Not done: {refusal_words(error, action, clock)}."
 
 

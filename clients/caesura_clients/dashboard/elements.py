@@ -1,8 +1,8 @@
-"""The components that `web` holds, as NiceGUI elements: payloads in, events out.
+"""The components of the folder `web` as NiceGUI elements: they receive payloads and emit events.
 
-A browser says which payload it has seen. One that is UNSEEN behind gets nothing until it has caught up, and
-then everything at once: what is sent is a difference from what was sent last, so nothing is lost by waiting
-and nothing piles up for a tablet that sleeps.
+A browser acknowledges payloads. One that is UNSEEN payloads behind receives nothing until it has caught up,
+and then one payload. Each payload is the difference from the last one sent, so a pause loses nothing, and
+nothing queues for a tablet that sleeps.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ lags: deque[float] = deque(maxlen=LAGS)  # [s] from sending a payload to its ack
 
 
 class LiveElement(Element, esm={PACKAGE: str(WEB)}):
-    """A component whose content the server sends. initial: shown before the connection is open."""
+    """A component whose content the server sends. initial: payload shown before the connection is open."""
 
     def __init__(self, initial: dict[str, Any] | None = None) -> None:
         super().__init__()
@@ -44,23 +44,23 @@ class LiveElement(Element, esm={PACKAGE: str(WEB)}):
 
     @property
     def is_free(self) -> bool:
-        """Whether the browser is ready and has fewer than UNSEEN payloads left to see."""
+        """Whether the browser is connected and has fewer than UNSEEN unacknowledged payloads."""
         return self._ready and len(self._sent) < UNSEEN
 
     def show(self, payload: dict[str, Any]) -> None:
-        """Show this in place of what is shown, unless it is the same."""
+        """Send a payload as the new content, unless it equals the last one."""
         if self.is_free and payload != self._last:
             self._last = payload
             self.send(payload)
 
     def send(self, payload: dict[str, Any]) -> None:
-        """Send it, whatever was sent before."""
+        """Send a payload, also if it equals the last one."""
         self._number += 1
         self._sent[self._number] = time.monotonic()
         self.run_method("take", self._number, payload)
 
     def allow(self, *, editable: bool, why: str = "") -> None:
-        """Make the component editable or read-only. why: a sentence on why it is read-only."""
+        """Make the component editable or read-only. why: a sentence on the reason for read-only."""
         if self._props.get("editable") != editable:
             self._props |= {"editable": editable, "why": why}
             self.update()
@@ -85,14 +85,16 @@ class Tables(LiveElement, component="web/tables.js"):
 
 
 class StartStop(LiveElement, component="web/start_stop.js"):
-    """Start and Stop of a station (`demonstration_control.controls`). on_ask: called with each request."""
+    """Buttons Start and Stop of a station (`demonstration_control.controls`). on_ask: called with each
+    request.
+    """
 
     def __init__(self, initial: dict[str, Any], on_ask: Callable[[GenericEventArguments], Any]) -> None:
         super().__init__(initial)
         self.on("ask", on_ask)
 
     def answered(self, message: str, *, failed: bool) -> None:
-        """Show what became of a start or a stop."""
+        """Show the outcome of a start or a stop."""
         self.run_method("answered", message, failed)
 
 
@@ -101,7 +103,7 @@ class HintBanner(LiveElement, component="web/hints.js"):
 
 
 class DescriptionForm(LiveElement, component="web/description.js"):
-    """Form that describes a session (`demonstration_control.description_of`). on_ask: as of StartStop."""
+    """Form that describes a session (`demonstration_control.description_of`). on_ask: as in StartStop."""
 
     def __init__(
         self,
@@ -116,12 +118,12 @@ class DescriptionForm(LiveElement, component="web/description.js"):
         self.on("ask", on_ask)
 
     def answered(self, message: str, *, failed: bool, found: dict[str, Any] | None = None) -> None:
-        """Show what became of a change. found: what another operator has set meanwhile."""
+        """Show the outcome of a change. found: values that another operator has set meanwhile."""
         self.run_method("answered", message, failed, found)
 
 
 class RecordingDrop(LiveElement, component="web/recordings.js"):
-    """Recordings that are dropped and played: {plays}. on_ask: called with each request."""
+    """Drop area and list of played recordings: {plays}. on_ask: called with each request."""
 
     def __init__(
         self, initial: dict[str, Any], on_ask: Callable[[GenericEventArguments], Any], **known: Any
@@ -131,23 +133,25 @@ class RecordingDrop(LiveElement, component="web/recordings.js"):
         self.on("ask", on_ask)
 
     def looked(self, found: dict[str, Any]) -> None:
-        """Show what a recording leaves open."""
+        """Show the open questions of a recording."""
         self.run_method("looked", found)
 
     def answered(self, message: str, *, failed: bool) -> None:
-        """Show what became of a recording."""
+        """Show the outcome of playing a recording."""
         self.run_method("answered", message, failed)
 
 
 class SessionList(LiveElement, component="web/session_list.js"):
-    """Sessions with search, filters and order: {warning, sessions}. on_older: asks for older ones."""
+    """Sessions with search, filters and order: {warning, sessions}. on_older: called to load older
+    sessions.
+    """
 
     def __init__(self, initial: dict[str, Any], on_older: Callable[[GenericEventArguments], Any]) -> None:
         super().__init__(initial)
         self.on("older", on_older)
 
     def answered(self, message: str, *, failed: bool) -> None:
-        """Show what became of the question."""
+        """Show the outcome of loading older sessions."""
         self.run_method("answered", message, failed)
 
 
@@ -167,9 +171,10 @@ class ProgramTimeline(LiveElement, component="web/program.js"):
         editable: bool,
         speeds: Sequence[str],
     ) -> None:
-        """on_simulate: with one of `speeds`; without any, nothing is simulated here. on_cancel: ends it.
+        """on_simulate: called with one of `speeds`; empty `speeds` disable the simulation. on_cancel: ends
+        it.
 
-        on_compare: with the numbers of the last edits of two versions.
+        on_compare: called with the numbers of the last edits of two versions.
         """
         super().__init__()
         self._props |= {"editable": editable, "speeds": list(speeds)}
@@ -180,7 +185,7 @@ class ProgramTimeline(LiveElement, component="web/program.js"):
         self.on("compare", on_compare)
 
     def follow(self, timeline: dict[str, Any]) -> None:
-        """Send what is new in a timeline."""
+        """Send the changes of a timeline."""
         if self.is_free and (payload := changes(self._known, timeline)):
             self._known = timeline
             self.send(payload)
@@ -190,20 +195,20 @@ class ProgramTimeline(LiveElement, component="web/program.js"):
         self._known = {}
 
     def compared(self, found: dict[str, Any]) -> None:
-        """Show how two versions differ (`versions.compared_versions`)."""
+        """Show how two versions differ (`program_versions.compared_versions`)."""
         self.run_method("compared", found)
 
     def simulated(self, found: dict[str, Any]) -> None:
-        """Show what became of a simulation (`Simulator.run`)."""
+        """Show the outcome of a simulation (`Simulator.run`)."""
         self.run_method("simulated", found)
 
     def answered(self, message: str, *, failed: bool, found: dict[str, Any] | None = None) -> None:
-        """Show what became of an edit. found: what another operator has set meanwhile."""
+        """Show the outcome of an edit. found: values that another operator has set meanwhile."""
         self.run_method("answered", message, failed, found)
 
 
 class SessionView(LiveElement, component="web/session_view.js"):
-    """Signals, segments and tools. on_edit: what an operator asks for, as the browser says it."""
+    """Signals, segments and tools. on_edit: called with an operator's request, as the browser sends it."""
 
     def __init__(
         self,
@@ -216,9 +221,10 @@ class SessionView(LiveElement, component="web/session_view.js"):
         on_preview: Callable[[GenericEventArguments], Any],
         linked: bool = False,
     ) -> None:
-        """update: of the session, with which the page begins.
+        """update: the session's state when the page is built.
 
-        on_preview: as on_edit, of what it would change. linked: it moves with the page's other one.
+        on_preview: called as on_edit, to request the effect only. linked: scrolls and zooms with the page's
+        other view.
         """
         self._at_first, initial = beginning(update)
         super().__init__(initial)
@@ -231,7 +237,7 @@ class SessionView(LiveElement, component="web/session_view.js"):
         self.on("run-lengths", self._want)
 
     def follow(self, update: Update | None, more: dict[str, Any]) -> None:
-        """Send what is new in a session. more: goes with whatever is sent."""
+        """Send the changes of a session. more: added to any payload that is sent."""
         if not self.is_free:
             return
         known, payload = delta(self._known, update)
@@ -240,7 +246,7 @@ class SessionView(LiveElement, component="web/session_view.js"):
         self._known = known
 
     def standing(self, update: Update) -> dict[str, Any]:
-        """Return those of revision, undo, redo and corrections that the browser does not have yet."""
+        """Return the changed ones of revision, undo, redo and corrections."""
         stands: dict[str, Any] = {
             name: getattr(update.status, name) for name in ("session", "revision", "undoable", "redoable")
         }
@@ -254,11 +260,11 @@ class SessionView(LiveElement, component="web/session_view.js"):
         return changed
 
     def answered(self, message: str, *, failed: bool) -> None:
-        """Say what became of a correction."""
+        """Show the outcome of a correction."""
         self.run_method("answered", message, failed)
 
     def previewed(self, found: dict[str, Any]) -> None:
-        """Show what a correction would change (`editing.preview`)."""
+        """Show the effect that a correction would have (`editing.preview`)."""
         self.run_method("previewed", found)
 
     def _begin(self) -> None:

@@ -1,4 +1,4 @@
-"""Banner of a station: the active hints of the session that is being taught, the newest first."""
+"""Banner of a station: the active hints of the current session, the newest first."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from caesura_protocol.messages import Hint
 
 
 def banner_of(update: Update | None) -> dict[str, Any]:
-    """The payload of the banner; no hint without a session, and none of one that is over."""
+    """Return the payload of the banner; no hints without a session or for a closed one."""
     active = [] if update is None or update.closed else [one for one in update.hints if one.until is None]
     newest_first = sorted(active, key=lambda hint: -hint.since)
     return {"hints": [_shown(one, update) for one in newest_first if update is not None]}
 
 
 def _shown(hint: Hint, update: Update) -> dict[str, Any]:
-    """A hint, and of a part to show again where it is replaced."""
+    """Return the payload of a hint, with a link to the part to replace if the hint concerns one."""
     key = f"{hint.kind} {hint.since}"
     clock = session_clock(update)
     text, advice = clock.text(hint.text), clock.text(hint.advice)

@@ -1,11 +1,11 @@
 """The network side of the dashboard: three threads follow the service, and pages read their state unlocked.
 
-  results   updates of every session, and what a station's program speaks of;
-  arrivals  samples, thinned out into rings, and tokens of bridges and instances;
-  services  the status of every instance, once a second, and current sessions that are not known.
+  results   updates of every session, and the current session of each station;
+  arrivals  samples, decimated into rings, and liveliness tokens of bridges and instances;
+  services  the status of every instance, once a second, and unknown current sessions.
 
-`world` is immutable and replaced. A thread that cannot reach the network says so in `DashboardState.troubles`
-and tries again; nothing that it meets ends it.
+`world` is immutable and replaced. A thread that cannot reach the network states that in
+`DashboardState.troubles` and retries; no error ends it.
 """
 
 from __future__ import annotations
@@ -50,9 +50,10 @@ STATIONS = 256  # that signals are kept of; as many as a service takes
 
 
 class NetworkFollower(RepeatingThreads):
-    """Follows everything while its context lasts.
+    """Follows all sessions and instances while its context lasts.
 
-    transport: its owner closes it, after the gateway. clock: monotonic [s]. Leaving takes up to refresh_s.
+    transport: is closed by its owner, after this object. clock: monotonic [s]. Leaving the context takes up
+    to refresh_s.
     """
 
     def __init__(
@@ -83,10 +84,10 @@ class NetworkFollower(RepeatingThreads):
         super().__init__(works, on_error=self._trouble)
 
     def samples(self, station: str, session: str, wanted: SampleRange) -> RecordedSamples:
-        """The samples of a session in a range: the newest ones as they came, others from the journal.
+        """Return the samples of a session in a range: the newest from the ring, others from the journal.
 
-        Of a session that has ended all are in the journal; the last ones may not have arrived here.
-        Raises Absent, Unreachable or ProtocolError.
+        All samples of a closed session are read from the journal, because the last ones may not be in the
+        ring. Raises NotFound, Unreachable or ProtocolError.
         """
         ring, update = self._rings.get(station), self.world.update(station, session)
         if ring is None or update is None or update.closed or not ring.covers(session, wanted.t0):
@@ -97,11 +98,11 @@ class NetworkFollower(RepeatingThreads):
         return self.journal_samples(station, session, wanted)
 
     def journal_samples(self, station: str, session: str, wanted: SampleRange) -> RecordedSamples:
-        """Return samples as `samples`, from the journal alone: all bins then have one width."""
+        """Return the samples of a range from the journal alone, in bins of one width. Raises as `samples`."""
         return samples(self.transport, station, session, wanted)
 
     def read_stored(self, station: str = "*", session: str = "*") -> int:
-        """Read the next page of stored sessions, or one; return how many were found.
+        """Read the next page of stored sessions, or one session; return how many were found.
 
         Raises CaesuraError or ProtocolError.
         """
@@ -119,9 +120,9 @@ class NetworkFollower(RepeatingThreads):
         return len(found)
 
     def _least_page(self, found: Iterable[Snapshot]) -> int:
-        """Return the least number of sessions that an instance has given.
+        """Return the least number of sessions that any instance returned.
 
-        Each instance has a page of its own, and all skip as many.
+        Each instance pages separately, and the same number is skipped in all of them.
         """
         stations = (self.world.update(one.status.station) for one in found)
         given = Counter("" if update is None else update.status.instance for update in stations)
@@ -133,7 +134,7 @@ class NetworkFollower(RepeatingThreads):
             return tuple(one for one in self._posteriors.get(station, ()) if one.session == session)
 
     def _trouble(self, name: str, why: str = "") -> None:
-        """Record why a thread cannot work; without a reason, that it works."""
+        """Record why a thread cannot work; an empty reason records that it works."""
         if self.world.troubles.get(name, "") != why:
             others = {key: one for key, one in self.world.troubles.items() if key != name}
             self._change(troubles={**others, name: why} if why else others)
@@ -170,16 +171,16 @@ class NetworkFollower(RepeatingThreads):
             self._keep_posterior(update.station, update.posterior)
 
     def _count_bridges(self, station: str) -> None:
-        """Note the sessions of a station that several bridges teach at once."""
+        """Record the sessions of a station that several bridges send at once."""
         both, known = self._parallel.at(station), self.world.parallel
         if known.get(station, ()) != both:
             others = {name: sessions for name, sessions in known.items() if name != station}
             self._change(parallel={**others, station: both} if both else others)
 
     def _look_up_current(self, station: str) -> None:
-        """Ask which session a station's program speaks of: at once, or later where it was asked just now.
+        """Query a station's current session: at once, or later if it was queried just before.
 
-        A station that opens a hundred sessions a second costs no more than one that opens one.
+        So the cost does not grow with the number of sessions that a station opens per second.
         """
         if self._may_ask(station):
             self._ask_current(station)
@@ -190,7 +191,9 @@ class NetworkFollower(RepeatingThreads):
         return self.clock() >= self._asked.get(station, -math.inf) + POLL_S
 
     def _ask_current(self, station: str) -> None:
-        """Query the current session of a station; if no service answers in time, keep it and query again."""
+        """Query the current session of a station; if no service answers in time, keep the known one and
+        retry.
+        """
         self._asked[station] = self.clock()
         self._unsure.discard(station)
         try:
@@ -239,7 +242,7 @@ class NetworkFollower(RepeatingThreads):
                 self._change(alive=_with(self.world.alive, instance, presence.alive))
 
     def _sampled(self, delivery: ReceivedSample) -> None:
-        """Store a batch of samples; a bad sender must not end the updates of all browsers."""
+        """Store a batch of samples; drop an invalid one."""
         try:
             station, part = parse_station_key(delivery.key)
             if part == "bridge_status":
@@ -260,7 +263,7 @@ class NetworkFollower(RepeatingThreads):
         self._rings.setdefault(station, SignalRing()).receive(batch.session, batch.columns, batch.seq, matrix)
 
     def _forget_longest_silent(self) -> None:
-        """Make room for the signals of a station: those of another one are in the journal."""
+        """Evict the ring of the station that has been silent the longest; the journal has its samples."""
         longest = min(self._rings, key=lambda name: self.received[name].at)
         del self._rings[longest], self.received[longest]
 

@@ -1,10 +1,11 @@
-"""Looks at a recording, or plays it to the service, in a process of its own: the pages do not wait for it.
+"""Inspects a recording, or plays it to the service, in a separate process, so that it does not block the
+pages.
 
     python -m caesura_clients.dashboard.playback < job.json
 
-A job is one JSON object; every line of the output is one, too. `look` answers with what the recording states
-and what it leaves open. `play` opens a session as a bridge does, and answers with the share that was sent.
-An error is {"error": words}. A child process can be ended, and its memory goes with it.
+A job is one JSON object, and so is every line of the output. `look` returns what the recording states and
+what it leaves open. `play` opens a session as a bridge does, and reports the share of samples sent. An error
+is {"error": words}. A child process can be ended, which frees its memory.
 """
 
 from __future__ import annotations
@@ -52,12 +53,12 @@ Job = Mapping[str, Any]
 
 
 class CountedSource(FileSource):
-    """A recording that is played without waiting, and counts the samples that were taken."""
+    """A recording that is played without waiting; it counts the samples that were read."""
 
     taken = 0
 
     def chunks(self) -> Iterator[Chunk]:
-        """Chunks of the recording."""
+        """Yield the chunks of the recording and count their samples."""
         for chunk in super().chunks():
             yield chunk
             self.taken += len(chunk)
@@ -84,7 +85,7 @@ def _of_csv(layout: CsvLayout) -> dict[str, Any]:
 
 
 def _read_whole(path: Path) -> tuple[Recording, Mapping[str, str]]:
-    """The recording, of whatever units, and what it states; of a bag's wrench that may be nothing."""
+    """Return the recording in its own units, and its statements; a bag may state nothing on its wrench."""
     try:
         recording = load_recording(path, check_units=False)
     except RecordingError:
@@ -116,7 +117,7 @@ def _of_recording(path: Path) -> dict[str, Any]:
 
 
 def source_of(job: Job) -> CountedSource:
-    """The recording of a job with its answers. Raises RecordingError or SourceError."""
+    """Return the source for a job's recording with its answers. Raises RecordingError or SourceError."""
     path, answers = Path(job["file"]), dict(job["answers"])
     units = answers.pop("declared", {})
     options: dict[str, Any] = {f"{quantity}_unit": units.get(quantity) for quantity in get_args(Quantity)}
@@ -142,7 +143,7 @@ def _quantity(option: str) -> Quantity:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether ROS 2 wrote it: its wrench and its frame are stated in a mapping."""
+    """Return whether a recording is a ROS 2 bag: its wrench source and frame are stated in a mapping."""
     if path.suffix.lower() == ".mcap" and path.is_file():
         with import_extra("mcap", path.name):
             from caesura_protocol.formats.mcap_read import ROS2, profile_of  # noqa: PLC0415 - an extra
@@ -192,7 +193,7 @@ NEEDED = (
 
 @contextmanager
 def _ended_after(seconds: float) -> Iterator[None]:
-    """End the process, by SIGALRM, where the context lasts longer: it holds one of a few places."""
+    """End the process, by SIGALRM, if the context lasts longer: the number of such processes is limited."""
     signal.setitimer(signal.ITIMER_REAL, seconds)
     try:
         yield
@@ -201,7 +202,7 @@ def _ended_after(seconds: float) -> Iterator[None]:
 
 
 def _watch(source: CountedSource, of: int, over: threading.Event) -> None:
-    """Report the share that was sent; end the process where the service takes nothing more."""
+    """Report the share of samples sent; end the process if the service accepts no more."""
     taken, since = -1, time.monotonic()
     while not over.wait(TICK_S):
         now = time.monotonic()

@@ -1,6 +1,6 @@
-"""Editing a program in the browser: what can be edited of each app, what was, and what a check finds.
+"""Edits a program at the request of a browser: editable values, past edits, and findings of the check.
 
-Nothing that a browser sends is trusted: it has to be an `EditProgram` as the wire has it.
+Requests of a browser are not trusted: each is validated as an `EditProgram`.
 """
 
 from __future__ import annotations
@@ -48,10 +48,10 @@ class ProgramDesk:
         clock: SessionClock = NO_OFFSET,
         program: Program | None = None,
     ) -> str:
-        """Edit a program; what was done, in words. Raises EditRefused, and EditConflict.
+        """Edit a program; return the outcome as text. Raises EditRefused, and EditConflict.
 
-        request: with `seen` it has the values of which a form was filled, and the edit counts for the program
-        as it is now. clock: of the session, for the words. program: as it was received last.
+        request: with `seen`, the values with which the form was filled, the edit applies to the current
+        program. clock: of the session, for the text. program: the last one received.
         """
         seen = request.get("seen")
         command = parse({name: value for name, value in request.items() if name != "seen"})
@@ -70,7 +70,7 @@ class ProgramDesk:
     def _edit(
         self, station: str, command: EditProgram, seen: dict[str, Any], program: Program | None
     ) -> None:
-        """Edit the program as it is now, unless another operator has changed the same."""
+        """Edit the current program, unless another operator has changed the same field."""
         is_known = program is not None and program.session == command.session
         now = program if is_known else None
         for attempt in range(1, ATTEMPTS + 1):
@@ -95,7 +95,7 @@ def parse(request: Request) -> EditProgram:
 
 
 def editing_of(program: Program, clock: SessionClock = NO_OFFSET) -> dict[str, Any]:
-    """Return the payload on a program's edits, on whether undo and redo are possible, and on its exports."""
+    """Return the payload on a program's edits, the availability of undo and redo, and its exports."""
     states = [edit.state for edit in program.edits]
     is_edit = program.revision == 0 or any(edit.at == program.edited for edit in program.edits)
     return {
@@ -117,7 +117,7 @@ def editing_of(program: Program, clock: SessionClock = NO_OFFSET) -> dict[str, A
 
 
 def _kind_row(kind: AppKind) -> list[Any]:
-    """A kind that can be inserted: its name, its title, and the values that a new app of it may state."""
+    """Return an insertable kind: its name, its title, and the values that a new app of it may state."""
     facts = APP_KINDS[kind]
     stated = {
         "target": "target" in facts.ports,
@@ -134,7 +134,7 @@ def _edit_row(edit: ProgramEdit, clock: SessionClock) -> list[Any]:
 
 
 def _grippers_of(program: Program) -> list[list[str]]:
-    """Name and title of the grippers that an export may state; empty where it is known."""
+    """Return name and title of the grippers that an export may state; empty if the gripper is known."""
     if not any(app.kind in {"grasp", "gripper_move"} for app in program.apps):
         return []
     with suppress(CaesuraError):  # a robot that is not known here
@@ -145,7 +145,7 @@ def _grippers_of(program: Program) -> list[list[str]]:
 
 @cache
 def _formats_of(robot: str | None) -> list[str]:
-    """The formats that a robot's program can be written in; every one where its robot is not known here."""
+    """Return the formats in which a robot's program can be written; all of them for an unknown robot."""
     try:
         return formats_of(robot)
     except CaesuraError:
@@ -153,7 +153,9 @@ def _formats_of(robot: str | None) -> list[str]:
 
 
 def app_editing(apps: Sequence[App], index: int) -> dict[str, Any]:
-    """Return the editable content of an app: its reference, values in units of the page, and places."""
+    """Return the editable content of an app: its reference, values in the page's units, and possible
+    places.
+    """
     app = apps[index]
     return {
         "reference": reference(app).model_dump(),
@@ -168,7 +170,7 @@ def app_editing(apps: Sequence[App], index: int) -> dict[str, Any]:
 
 
 def _behind(apps: Sequence[App], index: int) -> dict[str, Any]:
-    """Return the place to which an app is moved: behind the app at `index`, or first if that is below 0."""
+    """Return the place after the app at `index`, to which another app is moved; the first place below 0."""
     return {"after": reference(apps[index]).model_dump() if index >= 0 else None}
 
 
@@ -192,7 +194,9 @@ _UNITS: Mapping[str, tuple[float, str]] = {
 
 
 class CheckedProgram(NamedTuple):
-    """Apps at the times of the document, and what a check finds without a robot, each (severity, reason)."""
+    """Apps at the times of the document, and the check's findings without a robot, each (severity,
+    reason).
+    """
 
     apps: Sequence[App]
     of_program: list[list[str]]
@@ -200,10 +204,11 @@ class CheckedProgram(NamedTuple):
 
 
 def checked(program: Program, clock: SessionClock = NO_OFFSET) -> CheckedProgram:
-    """Lay a program out once, and check it.
+    """Compute the times of a program's document once, and check it.
 
-    Nothing is found while a program without edits is being taught: what it lacks may still come.
-    clock: of the session, for the reasons. The page shows the program's notes by themselves.
+    There are no findings while a program without edits is being taught: missing parts may still be taught.
+    clock: of the session, for the reasons. The program's notes are not among the findings: the page shows
+    them separately.
     """
     if not program.apps or not (program.complete or program.edits):
         return CheckedProgram(program.apps, [], {})

@@ -1,10 +1,11 @@
 """The path of a task program as points in time and space, for the drawing in three dimensions.
 
 An app's row is {number, words, kind, points, via, force}. A point is [t, x, y, z]: time of the program [s]
-and base frame [mm]. Times are those of the program's document (`programs.app_times`): of the teaching, unless
-people changed order or speed. Points lie on the path that the robot follows (`paths.curve_of`), so they keep
-the app's tolerance to what was taught. Without a path an app leads straight to its target, and one that stays
-has its place at its beginning and at its end. An app whose place is not known has no row.
+and base frame [mm]. Times are those of the program's document (`programs.app_times`): the taught times,
+unless an operator changed order or speed. Points lie on the path that the robot follows
+(`reproduced_path.curve_of`), within the app's tolerance of the taught path. An app without a path is a
+straight line to its target, and one that stays is its position at start and end. An app whose position is
+unknown has no row.
 """
 
 from __future__ import annotations
@@ -42,7 +43,9 @@ class _Drawn(NamedTuple):
 
 
 def program_path(apps: Sequence[App], first: int = 0) -> list[dict[str, Any]]:
-    """The rows of the apps from number `first` on, counted from 0. apps: at the times of the document."""
+    """Return the rows of the apps from number `first` on, counted from 0. apps: at the times of the
+    document.
+    """
     rows: list[dict[str, Any]] = []
     place = target_before(apps, first)
     for index in range(first, len(apps)):
@@ -55,7 +58,7 @@ def program_path(apps: Sequence[App], first: int = 0) -> list[dict[str, Any]]:
 
 
 def _look(app: App) -> dict[str, Any]:
-    """Return an app's name, the kind whose colour it has, and the force [N] that the robot exerts."""
+    """Return an app's name, the kind that determines its colour, and the force [N] that the robot exerts."""
     moving, staying = COLOURS[app.kind]
     kind = "turning" if app.screw is not None else moving if app.path is not None else staying
     force = None if app.force is None else [round(value, 2) for value in app.force]
@@ -68,7 +71,7 @@ def target_before(apps: Sequence[App], first: int) -> Vector | None:
 
 
 def _drawn(app: App, place: Vector | None) -> _Drawn:
-    """Points and via points of an app. place: where the app before it ended [m]."""
+    """Return points and via points of an app. place: where the app before it ended [m]."""
 
     def rows(t: Array, values: Array) -> list[list[float]]:
         table: list[list[float]] = (

@@ -1,4 +1,4 @@
-"""The task program as a timeline: one card an app: words, units, and its path drawn."""
+"""The task program as a timeline: a card per app with text, units, and a drawing of its path."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ Findings = Mapping[int, list[list[str]]]
 
 
 class Timeline:
-    """The timeline of a program that grows, as the page shows it; rows that stay the same are reused."""
+    """The timeline of a growing program, as the page shows it; unchanged rows are reused."""
 
     def __init__(self, newest: int = NEWEST) -> None:
-        """newest: of a long program so many apps are shown."""
+        """newest: number of apps that are shown of a long program."""
         self._newest = newest
         self._apps: Sequence[App] = ()
         self._placed: Sequence[App] = ()  # at the times of the document
@@ -39,9 +39,9 @@ class Timeline:
         self._before = 0
 
     def of(self, program: Program, clock: SessionClock = NO_OFFSET) -> dict[str, Any]:
-        """Return the payload of a program: the newest apps, how many come before them, and their path.
+        """Return the payload of a program: the newest apps, the number of earlier ones, and their path.
 
-        clock: of the session; apps and path keep the clock of the samples.
+        clock: of the session, for text; times in apps and path are on the clock of the samples.
         """
         before = max(0, len(program.apps) - self._newest)
         placed, of_program, of_apps = checked(program, clock)
@@ -62,7 +62,7 @@ class Timeline:
         }
 
     def _make_path(self, placed: Sequence[App], before: int) -> None:
-        """Rows up to the first app that differs stay, if all of them are there and begin where they did."""
+        """Rebuild the path's rows from the first app that differs on; all rows if their start has changed."""
         begins_alike = target_before(self._placed, before) == target_before(placed, before)
         is_known = begins_alike and before >= self._before
         first = _first_other(self._placed, placed, before) if is_known else before
@@ -70,7 +70,10 @@ class Timeline:
         self._path, self._placed, self._before = kept + program_path(placed, first), placed, before
 
     def _make_cards(self, apps: Sequence[App], before: int, findings: Findings) -> None:
-        """A card states the apps beside it: the one before, the one before that, and the one behind it."""
+        """Rebuild the cards from the one before the first changed app on, and those with other findings.
+
+        A card states the two apps before it and the one after it.
+        """
         first = _first_other(self._apps, apps, max(0, before - 2))
         cards = {}
         for index in range(before, len(apps)):
@@ -83,15 +86,14 @@ class Timeline:
 
 
 def _first_other(before: Sequence[App], after: Sequence[App], begin: int) -> int:
-    """Return the number of the first app from `begin` on that is not the same."""
+    """Return the number of the first app from `begin` on that differs."""
     return begin + common(before[begin:], after[begin:])
 
 
 def changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
     """Return the part of `after` that a page with `before` lacks; empty if nothing is new.
 
-    Both are payloads of `Timeline.of`. Rows come as {first, rows}: they replace those with a number from
-    `first` on.
+    Both are payloads of `Timeline.of`. Rows are {first, rows}: they replace those from number `first` on.
     """
     if before.get("session") != after["session"]:
         before = {}
@@ -105,7 +107,9 @@ def changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, An
 
 
 def card(number: int, app: App) -> dict[str, Any]:
-    """One app in words, with its path drawn. Lines are (name, value with unit); drawing: an svg element."""
+    """Return the payload of one app. Lines are (name, value with unit); drawing: an svg element of its
+    path.
+    """
     return {
         "number": number,
         "kind": app.kind,
@@ -135,13 +139,13 @@ def _lines(app: App) -> list[tuple[str, str]]:
 
 
 def scaled(values: Vector, factor: float) -> Vector:
-    """The vector in another unit."""
+    """Return the vector multiplied by a factor, to convert its unit."""
     x, y, z = values
     return factor * x, factor * y, factor * z
 
 
 def vector(values: Vector | None, unit: str, digits: int) -> str:
-    """(x, y, z) with its unit.
+    """Return the vector as text, (x, y, z) with its unit.
 
     >>> vector((0.3, -0.00001, 0.25), "m", 3)
     '(0.300, 0.000, 0.250) m'
@@ -163,7 +167,7 @@ def path(app: App) -> str:
 
 
 def force(app: App) -> str:
-    """Return the force that the robot exerts as text, with the taught one if a limit has cut it."""
+    """Return the force that the robot exerts as text, with the taught one if a limit has reduced it."""
     limited = f", limited to {path_force_in_words(app)}" if is_path_limited(app) else ""
     return f"{vector(app.force, 'N', 1)}{limited}"
 

@@ -1,8 +1,8 @@
 """Two versions of one program side by side: which apps differ, and in which values.
 
-A version is what was inferred with the edits that count, up to one of them. The service makes it again, so
-versions are there after a restart too. An app is the same one in both by its kind, its time as it was taught,
-and the edit that added it: an edit moves an app and leaves that alone.
+A version is the inferred program with the effective edits up to one of them. The service recomputes it, so
+versions exist after a restart too. Apps of two versions are the same if their kind, their taught time and the
+edit that added them are equal; moving an app does not change these.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ NO_EDIT = 0  # the number of the version without edits
 def compared_versions(
     transport: Transport, station: str, session: str, request: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Two versions of a program: {said, rows}. request: the numbers of their last edits, {from, to}.
+    """Return the comparison of two versions: {said, rows}. request: the numbers of their last edits, {from,
+    to}.
 
     A row is {app, was, changes}, each change [value, before, after]. Raises EditRefused.
     """
@@ -55,7 +56,7 @@ def _outcome(before: Program, after: Program) -> dict[str, Any]:
 
 
 def differing(before: Sequence[App], after: Sequence[App]) -> list[Row]:
-    """The apps that differ, in the order of the later version; one that is left out stands where it was."""
+    """Return the apps that differ, in the order of the later version; a deleted one at its earlier place."""
     places: defaultdict[object, deque[int]] = defaultdict(deque)
     for index, app in enumerate(before):
         places[_identity(app)].append(index)
@@ -84,7 +85,7 @@ def _row(apps: Sequence[App], index: int, was: str, changes: Sequence[Sequence[s
 
 
 def _changes(before: Sequence[App], old: int, after: Sequence[App], new: int) -> list[tuple[str, str, str]]:
-    """The values that differ; the place where an edit moved the app, not where others made room."""
+    """Return the values that differ; the place counts only if an edit moved this app, not its neighbours."""
     found = [
         (one.what, one.other, one.one) if one.one else (one.what, "", one.apart)
         for one in field_differences(after[new], before[old])

@@ -2,7 +2,7 @@
 
 Every client can write `X-Forwarded-For`. The header counts only where the operator has named the proxies by
 address or network, and then from the right: each proxy appends the address that connected to it. So the last
-entry that is none of them is the visitor, and all before it may be made up.
+entry that is not a named proxy is the visitor, and all entries before it may be forged.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ _SCHEMES = {"http": ("http", "https"), "websocket": ("ws", "wss")}
 
 
 class Proxies:
-    """The proxies that an operator has named."""
+    """The reverse proxies that an operator has named."""
 
     def __init__(self, named: Iterable[str] = ()) -> None:
-        """Raise CaesuraError for what is no address or network, and for a network of all addresses."""
+        """Raise CaesuraError for an invalid address or network, and for a network of all addresses."""
         self._networks = tuple(map(_network, named))
 
     def __contains__(self, host: str) -> bool:
@@ -32,7 +32,7 @@ class Proxies:
         return address is not None and any(address in network for network in self._networks)
 
     def visited(self, scope: Scope) -> Scope:
-        """The scope of a request as the first proxy had it: client and scheme."""
+        """Return the scope of a request with the client and scheme that the first proxy received."""
         host = str((scope.get("client") or ("",))[0])
         if host not in self:
             return scope
@@ -47,7 +47,7 @@ class Proxies:
 
 
 def address_of(host: str) -> IpAddress | None:
-    """The address that a text is; IPv4 as itself where it is written as IPv6."""
+    """Return the address in a text; None for an invalid one. An IPv4 address mapped to IPv6 becomes IPv4."""
     try:
         address = ipaddress.ip_address(host.partition("%")[0])
     except ValueError:
@@ -66,7 +66,7 @@ def _network(named: str) -> IpNetwork:
 
 
 def _host(hop: str) -> str:
-    """An entry without the port that some proxies write: `192.0.2.1:80`, `[2001:db8::1]:80`."""
+    """Return an entry without the port that some proxies append: `192.0.2.1:80`, `[2001:db8::1]:80`."""
     host = hop.strip()
     if host.startswith("["):
         return host[1:].partition("]")[0]
@@ -74,7 +74,7 @@ def _host(hop: str) -> str:
 
 
 def _scheme(scope: Scope) -> str:
-    """TLS ends at the proxy; of several values the one that the nearest proxy wrote."""
+    """Return the scheme that the nearest proxy stated, of several values: TLS ends at the proxy."""
     plain, secure = _SCHEMES[scope["type"]]
     values = ",".join(_values(scope, b"x-forwarded-proto")).split(",")
     said = values[-1].strip().lower()

@@ -1,8 +1,8 @@
-"""Recordings that an operator drops into the page: received, looked at, and played to the service.
+"""Recordings that an operator drops into the page: stores them, inspects them, and plays them to the service.
 
-Files lie in a folder of their own (`upload_folder`). What is read of them, another process reads
-(`playback`). Everything is bounded: BYTES of a recording, UPLOADS that are held, PLAYS at a time. Nothing
-that a browser sends is trusted: names of files, of stations and columns are checked.
+Files are stored in a separate folder (`upload_folder`). A separate process reads their content (`playback`).
+All sizes are limited: BYTES of a recording, UPLOADS stored, PLAYS at a time. Requests of a browser are not
+trusted: names of files, stations and columns are validated.
 """
 
 from __future__ import annotations
@@ -47,12 +47,12 @@ Text = Annotated[str, StringConstraints(max_length=200)]
 
 
 def _checked_up(text: str) -> str:
-    """Return a direction in the form of a mapping. Raises ValueError."""
+    """Return the direction of a text in the form of a mapping. Raises ValueError."""
     return up_text(parse_up(text))
 
 
 def _checked_columns(columns: dict[str, str]) -> dict[str, str]:
-    """Return the columns, by Caesura's name. Raises ValueError for a name that is none of Caesura's."""
+    """Return the columns, by Caesura's name. Raises ValueError for an unknown name."""
     if unknown := sorted(columns.keys() - SIGNAL_OF_COLUMN.keys()):
         raise ValueError(f"{printable(unknown[0])}: Caesura has no such column")
     return columns
@@ -106,7 +106,9 @@ class Playback:
 
 
 class RecordingDesk:
-    """Holds recordings while its context lasts. endpoint, config: how a child process reaches the service."""
+    """Stores recordings while its context lasts. endpoint, config: a child process's connection to the
+    service.
+    """
 
     def __init__(self, endpoint: str | None, config: Path | None) -> None:
         self._endpoint, self._config = endpoint, config
@@ -158,7 +160,7 @@ class RecordingDesk:
         return path
 
     def count(self, upload: str, size: int) -> None:
-        """Count received bytes. Raises EditRefused beyond the limit, and the upload is gone."""
+        """Count received bytes. Beyond the limit it deletes the upload and raises EditRefused."""
         with self._lock:
             if upload not in self._held:
                 raise EditRefused("The recording was removed: it is too large, or others came after it.")
@@ -169,7 +171,7 @@ class RecordingDesk:
             raise EditRefused(f"The recording is larger than {limit}: play it with `caesura bridge --file`.")
 
     def drop(self, upload: str) -> None:
-        """Remove a recording that is not being read. Any other name that a browser sends removes nothing."""
+        """Delete a recording that is not being read. An unknown name deletes nothing."""
         with self._lock:
             if upload in self._children or self._held.pop(upload, None) is None:
                 return
@@ -184,7 +186,7 @@ class RecordingDesk:
             shutil.rmtree(self._folder.path / idle, ignore_errors=True)
 
     def _recording_of(self, upload: str) -> Path:
-        """The file of an upload, or the directory of its rosbag2. Raises EditRefused."""
+        """Return the file of an upload, or the directory of its rosbag2. Raises EditRefused."""
         found = sorted((self._folder.path / upload).iterdir()) if upload in self._held else []
         folders = [one for one in found if (one / "metadata.yaml").exists()]
         files = [one for one in found if one.is_file() and one.suffix.lower() in SUFFIXES]
@@ -199,7 +201,7 @@ class RecordingDesk:
     # --- looking and playing ---
 
     def look(self, upload: str) -> dict[str, Any]:
-        """Return what a recording states and leaves open, after seconds. Raises EditRefused with a reason."""
+        """Return what a recording states and leaves open; takes seconds. Raises EditRefused with a reason."""
         file = self._recording_of(upload)
         self._reserve(upload, UPLOADS)
         try:
@@ -218,7 +220,7 @@ class RecordingDesk:
         return {"name": file.name, **answer}
 
     def play(self, request: Mapping[str, Any], taken: frozenset[str]) -> Playback:
-        """Begin to play a recording. taken: stations with a bridge. Raises EditRefused, which says why."""
+        """Begin to play a recording. taken: stations with a bridge. Raises EditRefused with a reason."""
         try:
             wanted = PlayRequest.model_validate(request)
         except ValidationError as error:
@@ -254,12 +256,12 @@ class RecordingDesk:
 
     @property
     def plays(self) -> list[Playback]:
-        """The newest recordings that were played, the newest first."""
+        """Return the last played recordings, the newest first."""
         with self._lock:
             return list(reversed(self._plays.values()))
 
     def _reserve(self, upload: str, most: int) -> None:
-        """Reserve the child process of an upload, one of so many. Raises EditRefused where it has one."""
+        """Reserve the child process of an upload, of at most `most`. Raises EditRefused if it has one."""
         with self._lock:
             if upload in self._children:
                 raise EditRefused(BUSY)
@@ -285,7 +287,7 @@ class RecordingDesk:
             self._children.pop(upload, None)
 
     def _follow(self, child: subprocess.Popen[str], now: Playback) -> None:
-        """Read what a child process reports until it ends."""
+        """Read the reports of a child process until it ends."""
         assert child.stdout is not None
         with child.stdout:
             for line in child.stdout:
@@ -313,7 +315,7 @@ class RecordingDesk:
                 del self._plays[next(iter(self._plays))]
 
     def _in_words(self, error: str, upload: str) -> str:
-        """An error of the command line for a page: without its folder, and options as fields."""
+        """Return an error of the command line for a page: without its folder, and options as fields."""
         words = error.replace(f"{self._folder.path / upload}/", "")
         return re.sub(r"--([a-z]+(?:-[a-z]+)+)", lambda option: option[1].replace("-", " "), words)
 
@@ -323,7 +325,7 @@ def _not_read(name: str) -> str:
 
 
 def _last_line(said: str) -> dict[str, Any]:
-    """The last JSON object of an output, an error where there is none."""
+    """Return the last JSON object of an output; an error object if there is none."""
     for line in reversed(said.splitlines()):
         try:
             found = json.loads(line)

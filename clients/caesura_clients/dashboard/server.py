@@ -1,4 +1,6 @@
-"""Puts pages, guard and web server together. NiceGUI has one application a process, so this runs once."""
+"""Connects pages, access control and web server. NiceGUI has one application per process, so this runs
+once.
+"""
 
 from __future__ import annotations
 
@@ -52,8 +54,7 @@ FAVICON = (
 class Address:
     """The address at which the dashboard listens, and the hosts and visitors that it accepts.
 
-    names: further hosts that it is known as, by a proxy for example. proxies: those whose statement of the
-    visitor's address is trusted.
+    names: further host names, of a proxy for example. proxies: trusted to state the visitor's address.
     """
 
     host: str = "127.0.0.1"
@@ -64,22 +65,22 @@ class Address:
 
     @property
     def is_local(self) -> bool:
-        """Return whether only this machine can reach it."""
+        """Return whether only this machine can reach the address."""
         return self.host in LOOPBACK
 
     @property
     def known_as(self) -> Iterable[str] | None:
-        """Hosts that a request may ask for; any where the network is trusted or a password is asked for."""
+        """Return the accepted hosts of requests; None for any, for a public address without `names`."""
         return (*LOOPBACK, self.host, *self.names) if self.is_local or self.names else None
 
     def url(self) -> str:
-        """Return the URL by which a browser on this machine finds the dashboard."""
+        """Return the URL of the dashboard for a browser on this machine."""
         host = {"0.0.0.0": "127.0.0.1", "::": "[::1]", "::1": "[::1]"}.get(self.host, self.host)
         return f"http://{host}:{self.port}/"
 
 
 def check_free(address: Address) -> None:
-    """Raise CaesuraError where another process listens there already."""
+    """Raise CaesuraError if another process listens at the address."""
     family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
     with socket.socket(family) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -91,13 +92,13 @@ def check_free(address: Address) -> None:
 
 
 def serve(site: Site, address: Address) -> None:
-    """Serve until the process is asked to end."""
+    """Serve the dashboard until the process is asked to end."""
     declare(site)
     run(address)
 
 
 def run(address: Address) -> None:
-    """Serve the pages that are declared, behind the guard, until the process is asked to end."""
+    """Serve the declared pages behind the access control, until the process is asked to end."""
     bound_logs()
     modules = [(PACKAGE, path.relative_to(WEB).as_posix()) for path in WEB.rglob("*.js")]
     app.add_middleware(
@@ -128,7 +129,7 @@ def run(address: Address) -> None:
 
 
 async def _announce(address: Address) -> None:
-    """Say that it can be found, once it can: the application starts before the socket is bound."""
+    """Print the URL once the socket is bound, which is after the application's start."""
     url = urlsplit(address.url())
     while True:
         try:
@@ -214,7 +215,7 @@ def declare_files(site: Site) -> None:
 
 
 async def _not_found(request: Request, error: Exception) -> Response:
-    """A page with the menu; for what pages read beside their own content, the reason alone."""
+    """Return a page with the menu; for other resources only the reason."""
     assert isinstance(error, StarletteHTTPException)
     if request.url.path.startswith((ASSETS, DATASETS, SAMPLES, PROGRAMS, recordings.UPLOADS)):
         return await http_exception_handler(request, error)
@@ -224,7 +225,7 @@ async def _not_found(request: Request, error: Exception) -> Response:
 
 
 def _shown(request: Request, answer: Response, back: str) -> Response:
-    """The answer. A refusal becomes a page for a browser. back: the page that it leads back to."""
+    """Return the response; for a browser a refusal becomes a page. back: the page to which it links."""
     if answer.status_code < 400 or "text/html" not in request.headers.get("accept", ""):
         return answer
     with Client(ui.page(""), request=request) as client:
@@ -233,9 +234,9 @@ def _shown(request: Request, answer: Response, back: str) -> Response:
 
 
 def _signals(site: Site, station: str, session: str, parameters: str, is_exact: bool = False) -> Response:
-    """The samples of a session for its plots; a refusal as text that says why.
+    """Return the samples of a session for its plots; a refusal as text that states why.
 
-    is_exact: from the journal, in bins of the width that is asked for.
+    is_exact: from the journal, in bins of the requested width.
     """
     try:
         wanted = parse_samples_parameters(parameters)
@@ -249,7 +250,7 @@ def _signals(site: Site, station: str, session: str, parameters: str, is_exact: 
 
 
 def _exported(site: Site, station: str, session: str, name: str, gripper: str | None) -> Response:
-    """The program of a session as a file in a format; a refusal as text that says why."""
+    """Return the program of a session as a file in a format; a refusal as text that states why."""
     update = site.gateway.world.update(station, session)
     if update is None or name not in WRITERS:
         why = f"no program {station}/{session} in format {name!r}; formats: {', '.join(WRITERS)}"
@@ -264,7 +265,7 @@ def _exported(site: Site, station: str, session: str, name: str, gripper: str | 
 
 
 def _zip_file(site: Site, named: list[tuple[str, str]]) -> Response:
-    """Sessions as a LeRobot dataset; a refusal as text that says why."""
+    """Return sessions as a LeRobot dataset; a refusal as text that states why."""
     if not 1 <= len(named) <= MOST_SESSIONS:
         why = (
             f"{len(named)} sessions for a dataset, expected 1 to {MOST_SESSIONS}: filter the list of sessions"
@@ -280,7 +281,7 @@ def _zip_file(site: Site, named: list[tuple[str, str]]) -> Response:
 
 
 async def _read(site: Site, *named: tuple[str, str]) -> None:
-    """Read sessions from the journal that the service no longer holds, such as those of a bookmark."""
+    """Read stored sessions that are no longer in memory, such as that of a bookmark."""
     for station, session in named:
         if site.gateway.world.update(station, session) is None:
             with suppress(CaesuraError, ProtocolError):  # the page states that it is not known
@@ -288,7 +289,7 @@ async def _read(site: Site, *named: tuple[str, str]) -> None:
 
 
 def _named(session: str) -> tuple[str, str]:
-    """Station and session of `station/session`."""
+    """Return the station and session of a text `station/session`."""
     station, _, name = session.partition("/")
     return _checked(station), _checked(name)
 

@@ -1,4 +1,6 @@
-"""The history: every session that the service holds, and stored ones that were read, the newest first."""
+"""The session history: all sessions that the service holds, and the stored ones that were read, newest
+first.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ from caesura_protocol.number_words import counted
 
 
 def sessions(world: DashboardState) -> list[dict[str, Any]]:
-    """A row each, the newest first; `href` leads to its replay."""
+    """Return a row per session, the newest first; `href` links to its replay."""
     known = {**world.stored, **world.updates}
     newest = sorted(known.values(), key=_age, reverse=True)
     return [_row(update) for update in newest]
@@ -20,14 +22,14 @@ OFFERED = 50  # sessions that may take the place of a part
 
 
 class PartChoice:
-    """The sessions that may take the place of a part, made anew only where one of them changed."""
+    """The sessions that can replace a part of a program; rebuilt only after one of them changed."""
 
     def __init__(self) -> None:
         self._made_of: tuple[str, str, int] | None = None
         self._rows: list[list[str]] = []
 
     def of(self, world: DashboardState, station: str, session: str) -> list[list[str]]:
-        """Closed sessions of a station that have apps, beside this one, the newest first: (name, words)."""
+        """Return the other closed sessions of a station that have apps, the newest first: (name, text)."""
         made_of = station, session, world.closed
         if made_of != self._made_of:
             self._made_of, self._rows = made_of, _taught_again(world, station, session)
@@ -46,7 +48,7 @@ def _taught_again(world: DashboardState, station: str, session: str) -> list[lis
 
 
 def _in_words(update: Update) -> str:
-    """A session as an operator chooses it."""
+    """Return a session as text for an operator's choice."""
     task, count = update.status.description.task, len(update.program.apps)
     return ", ".join(filter(None, [update.session, task, counted(count, "app")]))
 

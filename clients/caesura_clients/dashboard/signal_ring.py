@@ -1,7 +1,7 @@
-"""The newest samples of a station as points to draw, and the form in which points go to a browser.
+"""The newest samples of a station as points to draw, and their binary encoding for a browser.
 
-A ring holds the newest SPAN_S of one session in bins of BIN_S: of each bin and column the least and greatest
-sample. So a live view asks the service nothing. Everything older comes from the journal.
+A ring holds the newest SPAN_S of one session in bins of BIN_S, with the least and greatest sample of each
+column per bin. So a live view needs no query to the service. Older samples are read from the journal.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ class SignalRing:
         return self._session
 
     def receive(self, session: str, columns: tuple[str, ...], seq: int, matrix: Array) -> None:
-        """Take a batch of samples (n, columns), session time [s] first.
+        """Append a batch of samples (n, columns), session time [s] first.
 
-        Another session begins anew, and so do other columns.
+        Another session, or other columns, clear the ring first.
         """
         with self._lock:
             if (session, columns) != (self._session, self._columns):
@@ -67,9 +67,9 @@ class SignalRing:
                 self._fold()
 
     def covers(self, session: str, t0: float) -> bool:
-        """Return whether all samples from t0 [s] on that the station has sent of a session are here.
+        """Return whether the ring has all samples of a session that the station has sent from t0 [s] on.
 
-        False if a batch did not arrive here: the caller queries the journal, which may have it.
+        False if a batch was not received: the caller queries the journal, which may have it.
         """
         with self._lock:
             self._fold()
@@ -79,7 +79,8 @@ class SignalRing:
     def read(
         self, station: str, wanted: SampleRange, unit: LengthUnit, frame: ForceFrame
     ) -> RecordedSamples | None:
-        """The points of a range, as a service answers; `first` is None where the beginning was not received.
+        """Return the points of a range in the form of a service's reply; `first` is None if the beginning was
+        not received.
 
         unit: of the session's positions; frame: of its force.
         """
@@ -115,7 +116,7 @@ class SignalRing:
         )
 
     def _fold(self) -> None:
-        """Take what waits into the bins, and drop what is older than SPAN_S."""
+        """Move the pending samples into the bins, and drop bins older than SPAN_S."""
         if not self._rows:
             return
         matrix = np.concatenate([rows for _, rows in self._waiting])
@@ -141,7 +142,7 @@ class SignalRing:
 
 
 def as_bytes(recorded: RecordedSamples) -> bytes:
-    """The form that `signals.js` reads: length of the header, header as JSON, points as float64.
+    """Encode points for `signals.js`: length of the header, header as JSON, points as float64.
 
     Points are pairs (t, value), column by column, and begin at a multiple of PADDING bytes.
     """

@@ -1,8 +1,9 @@
-"""Bounds the connections that have asked nothing: uvicorn waits for each of them without an end.
+"""Bounds the number of connections without a request, because uvicorn waits for each of them without a
+timeout.
 
-A silent connection holds a file of the process. As many of them as it may open kept every visitor out, also
-of a dashboard with a password. Beyond MOST_SILENT the one that is silent for longest is closed: a browser
-asks at once.
+A silent connection occupies a file descriptor. If they occupied all of them, no visitor could connect, also
+to a dashboard with a password. Beyond MOST_SILENT the connection that has been silent the longest is closed.
+A browser is not affected: it sends its request at once.
 """
 
 from __future__ import annotations
@@ -18,10 +19,10 @@ _silent: dict[BoundedProtocol, asyncio.Transport] = {}  # the one that is silent
 
 
 class BoundedProtocol(AutoHTTPProtocol):  # type: ignore[misc, valid-type]  # chosen at run time
-    """The HTTP protocol of uvicorn, of which at most MOST_SILENT connections wait for a first request."""
+    """uvicorn's HTTP protocol, with at most MOST_SILENT connections that wait for a first request."""
 
     def connection_made(self, transport: Any) -> None:
-        """Count a connection; close the ones that are silent for longest beyond MOST_SILENT."""
+        """Count a connection; beyond MOST_SILENT close those that have been silent the longest."""
         super().connection_made(transport)
         _silent[self] = transport
         if len(_silent) > MOST_SILENT:
@@ -31,7 +32,7 @@ class BoundedProtocol(AutoHTTPProtocol):  # type: ignore[misc, valid-type]  # ch
             _silent.pop(oldest).abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Count it no longer."""
+        """Stop counting a connection."""
         _silent.pop(self, None)
         super().connection_lost(exc)
 

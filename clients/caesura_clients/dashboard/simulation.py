@@ -1,7 +1,7 @@
-"""Runs the program of a page on the simulated robot, in a process of its own: the pages do not wait for it.
+"""Runs a program on the simulated robot, in a separate process, so that it does not block the pages.
 
-The commands are those of a terminal: `caesura program --speed` and `caesura execute --simulated`. So a
-dashboard without the simulation states what to install, as the command does.
+It runs the commands `caesura program --speed` and `caesura execute --simulated`. So a dashboard without the
+simulation states what to install, as the command does.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ MM = 1000.0
 
 
 class SimulatorBusyError(EditRefused):
-    """Another simulation is under way."""
+    """Another simulation is running."""
 
 
 class Simulation:
@@ -44,14 +44,14 @@ class Simulation:
         self.is_ended = False
 
     def end(self) -> None:
-        """Kill its process, and start no other one."""
+        """Kill the process, and start no other one."""
         with self._lock:
             self.is_ended = True
             if self._child is not None:
                 self._child.kill()
 
     def outcome(self, command: Sequence[str]) -> tuple[str, int]:
-        """Run a command to its end; what it says, and its exit code. Raises EditRefused."""
+        """Run a command to its end; return its output and its exit code. Raises EditRefused."""
         with self._lock:
             self._check_goes_on()
             self._child = subprocess.Popen(
@@ -89,14 +89,14 @@ class Simulator:
 
     @property
     def is_busy(self) -> bool:
-        """Whether a simulation is under way."""
+        """Whether a simulation is running."""
         return self._one.locked()
 
     def run(self, program: Program, speed: str, simulation: Simulation | None = None) -> dict[str, Any]:
-        """Run it: {said, stopped, points}; points are [t, x, y, z], [s] of the run and [mm].
+        """Run a program: {said, stopped, points}; points are [t, x, y, z], [s] of the run and [mm].
 
-        stopped: a check or a guard has stopped it. simulation: by which another thread ends it. Raises
-        EditRefused where it cannot be run at all or is ended.
+        stopped: whether a check or the safety monitor stopped it. simulation: lets another thread end it.
+        Raises EditRefused if it cannot be run or is ended.
         """
         if speed not in SPEEDS:
             raise EditRefused(f"Not simulated: speed {speed[:20]!r}, expected {' or '.join(SPEEDS)}.")
@@ -133,7 +133,9 @@ class Simulator:
         return {"said": words, "stopped": not ended_well, "points": (table + 0.0).tolist()}
 
     def _command(self, words: Sequence[str], made: Path) -> tuple[str, bool]:
-        """Run a command that makes a file; what it says, and whether it ended well. Raises EditRefused."""
+        """Run a command that writes a file; return its output, and whether it succeeded. Raises
+        EditRefused.
+        """
         said, code = self._current.outcome([sys.executable, "-m", "caesura_clients", *words])
         lines = said.strip()
         if not made.exists():

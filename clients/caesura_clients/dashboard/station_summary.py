@@ -1,8 +1,8 @@
 """The summary of a station: its state, and whether the displayed results are still current.
 
-Stale is what looks alive and is not: a demonstration that goes on, of which nothing came for STALE_S, which
-the service cannot store, or whose bridge is gone. It is said with its reason, because an operator teaches on
-otherwise.
+A station is stale if its demonstration is open and the display may be out of date: no message for STALE_S, a
+service that cannot store it, or a bridge that is gone. The summary states the reason, so that the operator
+stops teaching.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ SAID: Mapping[State, str] = {
 
 @dataclass(frozen=True)
 class DashboardState:
-    """The state that the gateway has received, at one moment. Times are of its monotonic clock [s]."""
+    """The state that the network follower has received, at one moment. Times: its monotonic clock [s]."""
 
     updates: Mapping[tuple[str, str], Update] = field(default_factory=dict)  # by station and session
     stored: Mapping[tuple[str, str], Update] = field(default_factory=dict)  # read from the journal
@@ -49,7 +49,7 @@ class DashboardState:
 
     @property
     def trouble(self) -> str:
-        """The reason why the content may be old; empty if there is none."""
+        """The reason why the content may be out of date; empty if there is none."""
         return next(iter(self.troubles.values()), "")
 
     def stations(self) -> list[str]:
@@ -57,13 +57,13 @@ class DashboardState:
         return sorted({station for station, _ in self.updates} | self.bridges)
 
     def sessions(self, station: str) -> list[str]:
-        """The station's sessions, the newest first."""
+        """Return the station's sessions, the newest first."""
         return sorted((name for where, name in self.updates if where == station), reverse=True)
 
     def update(self, station: str, session: str | None = None) -> Update | None:
         """Return the newest state of a session; None if it is unknown.
 
-        Without a name: of the session of the station's program, or else of an open one, or of the newest.
+        Without a name: the current session, or else an open one, or else the newest.
         """
         name = session or self.current.get(station)
         if (station, name or "") in self.updates:
@@ -76,7 +76,7 @@ class DashboardState:
 
 @dataclass(frozen=True)
 class NewestSamples:
-    """The newest samples of a station: when they came, and up to which session time they reach."""
+    """The newest samples of a station: their time of arrival, and the session time that they reach."""
 
     at: float  # [s] monotonic
     t: float  # [s] session time
@@ -104,7 +104,7 @@ class StationSummary:
     kinds: tuple[tuple[float, float, str, float], ...]  # the newest segments: t0, tn, kind, probability
 
     def drawn(self) -> dict[str, Any]:
-        """Return the content as the browser takes it; an age in tenths of a second, and empty below 1 s."""
+        """Return the payload for the browser; an age is in tenths of a second, and empty below 1 s."""
         age = "" if self.age_s is None or self.age_s < 1.0 else f"{self.age_s:.1f} s"
         rows = [[round(t0, 2), round(tn, 2), kind, round(p, 2)] for t0, tn, kind, p in self.kinds]
         return {**self.__dict__, "age_s": age, "kinds": rows, "t": round(self.t, 1)}
@@ -116,9 +116,9 @@ SHOWN_SEGMENTS = 40  # in a card's strip
 def glances(
     world: DashboardState, received: Mapping[str, NewestSamples], now: float, began: float
 ) -> list[StationSummary]:
-    """Return the summary of each station. now, began: now and the gateway's start, monotonic [s].
+    """Return the summary of each station. now, began: current time and start of the follower, monotonic [s].
 
-    Before the dashboard began, nothing can have come.
+    No silence counts from before `began`, when nothing could be received.
     """
     return [glance(world, station, received.get(station), now, began) for station in world.stations()]
 
@@ -126,7 +126,7 @@ def glances(
 def glance(
     world: DashboardState, station: str, received: NewestSamples | None, now: float, began: float
 ) -> StationSummary:
-    """Return the summary of one station. now, began: now and the gateway's start, on its clock [s]."""
+    """Return the summary of one station. now, began: current time and the follower's start, monotonic [s]."""
     update = world.update(station)
     bridge = station in world.bridges
     why = stale(
@@ -186,7 +186,7 @@ def stale(
 
 
 def _behind_s(update: Update, received: NewestSamples | None) -> float:
-    """Return by how much [s] results are behind the samples; for times of day, 0 before the first result."""
+    """Return the delay [s] of results behind the samples; for times of day, 0 before the first result."""
     if received is None or received.session != update.session:
         return 0.0
     has_begun = is_of_day(reached(update)) or not is_of_day(received.t)
@@ -202,33 +202,33 @@ def unwritten(world: DashboardState, instance: str) -> str:
 def reached(update: Update) -> float:
     """Return the time [s] up to which there are results.
 
-    A status is published once a second, and lags behind the others.
+    A status is published once a second, so the other results are newer.
     """
     last = update.segments[-1].tn if update.segments else update.t
     return max(update.t, last)
 
 
 def session_clock(update: Update) -> SessionClock:
-    """The clock of a session; without a segment, of what is known of it by now."""
+    """Return the clock of a session, from its first segment, or else from the time reached."""
     return clock_of(update.segments) if update.segments else clock_from(update.t)
 
 
 def lasted(update: Update) -> float:
     """Return the length [s] of the session so far.
 
-    Most begin at 0; one with another clock begins with its first segment.
+    Most sessions begin at 0; one whose clock is the time of day begins with its first segment.
     """
     first = update.segments[0].t0 if update.segments else session_clock(update).start_s
     return reached(update) - (first if not 0.0 <= first <= BEGINS_S else 0.0)
 
 
 def length_words(update: Update) -> str:
-    """Return how long the session has lasted, as every page, list and card shows it."""
+    """Return the session's length as text, the same on every page, list and card."""
     return f"{lasted(update):.1f} s"
 
 
 def gaps(update: Update | None) -> int:
-    """Count the gaps of a session."""
+    """Return the number of gaps of a session."""
     return 0 if update is None else len(update.status.gaps) + update.status.gaps_before
 
 
@@ -239,14 +239,14 @@ def summary(world: DashboardState, found: Sequence[StationSummary]) -> str:
 
 
 def warning_of(seen: StationSummary, world: DashboardState) -> str:
-    """Return what is said above the page of a station; empty where all is well."""
+    """Return the warning above the page of a station; empty if there is none."""
     if seen.state == "teaching":
         return seen.why
     return f"Stale: {seen.why}. What is shown is old." if seen.why else world.trouble
 
 
 def troubled(found: Iterable[StationSummary]) -> int:
-    """Count the stations that need an operator."""
+    """Return the number of stations that need an operator."""
     return sum(one.state in {"stale", "failed"} or one.overloaded or _has_warning(one) for one in found)
 
 

@@ -101,7 +101,7 @@ def _stations(world: DashboardState) -> Table:
 
 
 def _bridge(world: DashboardState, station: str, update: Update | None) -> str:
-    """Whether the bridge is there; one that left after a normal end is not missing."""
+    """Return text on whether the bridge is connected; one that left after a normal end is not missing."""
     if station in world.bridges:
         return "connected"
     return "not connected" if update is None or update.closed else "gone"

@@ -1,7 +1,7 @@
-"""The folder of received recordings: made for the first of them, and removed at the end.
+"""The folder of uploaded recordings: created for the first of them, and deleted at the end.
 
-A process holds a lock on its folder, which ends with it. A folder whose lock is free is thus one of a process
-that was killed, and the next dashboard removes it.
+A process holds a lock on its folder, which the operating system releases when the process ends. So a folder
+without a lock belonged to a killed process, and the next dashboard deletes it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ PREFIX = "caesura-recordings-"
 
 
 class UploadFolder:
-    """A temporary folder of this process, made where `path` is first asked for."""
+    """A temporary folder of this process, created at the first use of `path`."""
 
     def __init__(self) -> None:
         self._making = threading.Lock()
@@ -26,7 +26,7 @@ class UploadFolder:
 
     @property
     def path(self) -> Path:
-        """The folder."""
+        """The path of the folder."""
         with self._making:
             if self._path is None:
                 made = Path(tempfile.mkdtemp(prefix=f".{PREFIX}"))  # locked before others look for its name
@@ -36,7 +36,7 @@ class UploadFolder:
             return self._path
 
     def remove(self) -> None:
-        """Remove it with all that it holds, where it was made."""
+        """Delete the folder with its content, if it was created."""
         if self._path is not None:
             shutil.rmtree(self._path, ignore_errors=True)
         if self._lock is not None:
@@ -45,7 +45,7 @@ class UploadFolder:
 
 
 def remove_abandoned() -> None:
-    """Remove the folders of dashboards that were killed."""
+    """Delete the folders of dashboards that were killed."""
     for folder in Path(tempfile.gettempdir()).glob(f"{PREFIX}*"):
         with suppress(OSError, ImportError):  # the lock is held, or the folder is another user's
             lock = _locked(folder)
@@ -54,7 +54,7 @@ def remove_abandoned() -> None:
 
 
 def _locked(folder: Path) -> int:
-    """A descriptor that holds the lock of a folder. Raises OSError where another process holds it."""
+    """Lock a folder and return the lock's file descriptor. Raises OSError if another process holds it."""
     import fcntl  # noqa: PLC0415 - not on Windows
 
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)

@@ -1,7 +1,8 @@
 """Diagnosis of everything between a robot and its segments, with a remedy for each fault.
 
-`reach` looks at the endpoint, `probed` asks and listens for a few seconds; everything else only judges what
-they brought and is pure: `instances` the service, `stations` each station, `signal` the samples themselves.
+`endpoint_check` connects to the endpoint, and `probes` queries and listens for a few seconds. The other
+modules judge these facts and are pure: `instances` the service, `stations` each station, `signal` the
+samples.
 """
 
 from caesura_clients.doctor.findings import CheckResult, Grade

@@ -1,1 +1,1 @@
-"""A live session for viewers of other projects. Data flows one way: a viewer changes nothing."""
+"""Shows a live session in third-party viewers. Data flows one way: a viewer changes nothing."""

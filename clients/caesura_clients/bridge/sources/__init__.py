@@ -1,6 +1,6 @@
 """Sources of samples: one file for each robot or file format, each with the interface `Source`.
 
-A new robot is one module with a class that meets `Source`, and one line in `registry.py` beside it.
+A new robot needs one module with a class that implements `Source`, and one line in `registry.py`.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ Chunk = NDArray[np.floating]  # (k, columns), as declared; time [s] first
 
 
 class Mark(NamedTuple):
-    """A pedal, a button: a segment ends here and the next begins."""
+    """A changepoint that a pedal or button requests: one segment ends and the next begins."""
 
     t: float  # [s] session clock
 
 
 class Source(Protocol):
-    """One robot, or something that plays one.
+    """One robot, or a player of its samples.
 
-    A source whose robot reports a hand-guiding button also has `button_pressed`: see the function below. One
-    that sends joints states its arm with `robot`, a name as of `caesura robots`. Without it seven joints are
-    read as those of a Panda, and other joints without a position are refused.
+    A source whose robot reports a hand-guiding button also has `button_pressed`: see the function below. A
+    source with joints states its arm in `robot`, a name listed by `caesura robots`. Without it seven joints
+    are those of a Panda, and another number of joints without a position is refused.
     """
 
     @property
@@ -55,7 +55,7 @@ class Source(Protocol):
         """Whether the bridge may pause the source while the service catches up; a live robot cannot wait."""
 
     def chunks(self) -> Iterator[Chunk | Mark]:
-        """Samples in the order of arrival, as they come, and marks; ends when the demonstration does."""
+        """Yield samples in the order of arrival, and marks, until the demonstration ends."""
 
 
 def button_pressed(source: Source) -> bool | None:

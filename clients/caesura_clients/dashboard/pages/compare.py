@@ -1,4 +1,4 @@
-"""`/compare`: two sessions with one axis of time, and how their programs differ."""
+"""The page `/compare`: two sessions on one time axis, and the differences of their programs."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class ComparePage:
             half.show(update)
 
     async def _compare(self) -> None:
-        """Compare the programs where one has changed, without delaying any other page."""
+        """Compare the programs if one has changed, without blocking other pages."""
         updates = [self._gateway.world.update(*named) for named in self._named]
         programs = tuple(update.program for update in updates if update is not None)
         if len(programs) == 2 and programs != self._compared:
@@ -87,7 +87,7 @@ class _Half:
         self._station, self._session = station, session
 
     def show(self, update: Update | None) -> None:
-        """Show what is new."""
+        """Send the changes of the session to the browser."""
         task = update.status.description.task if update else None
         name = f"{self._station} · {task or self._session}"
         if name != self._link.text:

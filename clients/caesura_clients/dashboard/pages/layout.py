@@ -31,7 +31,7 @@ _HEAD = (
 
 
 class Site(NamedTuple):
-    """Objects of which pages are made. Those after the gateway are None if this dashboard only reads."""
+    """The objects that pages use. Those after `gateway` are None if this dashboard is read-only."""
 
     gateway: NetworkFollower
     corrector: Corrector | None
@@ -42,7 +42,7 @@ class Site(NamedTuple):
 
 @contextmanager
 def page(title: str, here: str) -> Iterator[None]:
-    """The frame around a page's content. here: the menu's entry that is current."""
+    """Build the frame around a page's content. here: the menu's entry of this page."""
     ui.page_title(f"{title} · Caesura")
     ui.add_head_html(_HEAD)
     with ui.header(wrap=False, fixed=False), Element("div").classes("bar-top"):
@@ -59,12 +59,12 @@ def page(title: str, here: str) -> Iterator[None]:
 
 
 def text(tag: str, words: str) -> TextElement:
-    """An HTML element with words in it."""
+    """Build an HTML element that contains text."""
     return TextElement(tag=tag, text=words)
 
 
 class Banner:
-    """Something that is wrong, shown while it is."""
+    """A warning on a page, shown while its cause lasts."""
 
     def __init__(self) -> None:
         with Element("div").props('role="alert"'):
@@ -72,7 +72,7 @@ class Banner:
         self._label.set_visibility(False)
 
     def say(self, words: str) -> None:
-        """Show the words; nothing where there are none."""
+        """Show the text; hide the banner if the text is empty."""
         if words != self._label.text:
             self._label.set_text(words)
             self._label.set_visibility(bool(words))

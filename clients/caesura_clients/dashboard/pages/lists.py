@@ -32,7 +32,7 @@ Columns = Sequence[tuple[str, str]]
 
 
 def build_sessions(site: Site) -> None:
-    """Build the page of all sessions that the service holds."""
+    """Build the page `/sessions`, with all sessions that the service holds."""
 
     async def older(event: GenericEventArguments) -> None:
         try:
@@ -80,7 +80,7 @@ def _table(title: str, columns: Columns, rows: list[dict[str, Any]], empty: str)
 
 
 def _browsers() -> dict[str, Any]:
-    """Return the time from sending to acknowledgement, of the newest updates of all browsers."""
+    """Return the number of viewers, and median and 99th percentile of their acknowledgement delays."""
     measured = np.array(lags) * 1000.0
     if measured.size == 0:
         return {"viewers": str(len(Client.instances)), "median": "–", "worst": "–"}

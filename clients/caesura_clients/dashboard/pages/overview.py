@@ -1,4 +1,4 @@
-"""`/`: all stations at a glance."""
+"""The page `/`: a card for each station."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""`/recordings`: a recording is dropped, its open questions are answered, and it is played as a session."""
+"""The page `/recordings`: an operator drops a recording, answers its open questions, and plays it as a
+session.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,7 @@ DEFAULT_STATION = "recordings"
 
 
 def build(site: Site) -> None:
-    """Build the page `/recordings`, on which recordings are dropped and played."""
+    """Build the page `/recordings`, for dropping and playing recordings."""
     with page("Recordings", "/recordings"):
         if site.recordings is None:
             text("p", ONLY_READS.replace("start and stop", "to play a recording")).classes("empty")
@@ -37,7 +39,7 @@ def build(site: Site) -> None:
 
 
 def _columns() -> dict[str, list[str]]:
-    """The columns of each signal in the order of the form; an orientation has three ways to be stated."""
+    """Return the columns of each signal in the order of the form; an orientation has three possible forms."""
     columns = {"t": ["t"]}
     for name, names in COLUMNS_OF_SIGNAL.items():
         columns[name] = list(names)
@@ -47,7 +49,7 @@ def _columns() -> dict[str, list[str]]:
 
 
 class _Recordings:
-    """One browser's view of the recordings that are played."""
+    """One browser's view of the played recordings."""
 
     def __init__(self, site: Site, desk: RecordingDesk) -> None:
         self._site, self._desk = site, desk
@@ -73,7 +75,7 @@ class _Recordings:
         return {"plays": plays, "stations": world.stations(), "trouble": world.trouble}
 
     async def _ask(self, event: GenericEventArguments) -> None:
-        """Look at a recording, or play it, without delaying any other page."""
+        """Inspect a recording, or play it, without blocking other pages."""
         asked = event.args
         if not isinstance(asked, dict):
             return
@@ -93,7 +95,7 @@ class _Recordings:
 
 
 async def received(site: Site, upload: str, name: str, request: Request) -> Response:
-    """Store a file that a browser sends; a refusal is text that says why."""
+    """Store a file that a browser uploads; a refusal is text that states why."""
     if site.recordings is None:
         return PlainTextResponse(ONLY_READS, status_code=403)
     try:

@@ -47,7 +47,7 @@ ONLY_READ = (
 
 
 class SessionPage:
-    """One browser's view of one session. session: None follows what the station teaches."""
+    """One browser's view of one session. session: None follows the station's current session."""
 
     def __init__(self, site: Site, station: str, session: str | None) -> None:
         self._gateway, self._corrector, self._desk = site.gateway, site.corrector, site.desk
@@ -120,7 +120,7 @@ class SessionPage:
             self._show_program(update.program)
 
     def _offer_tools(self, update: Update | None) -> None:
-        """Offer the tools that change a session, unless the service no longer holds it."""
+        """Enable the tools that change a session, unless the service no longer holds it."""
         world, named = self._gateway.world, (self._station, self._session or "")
         if update is None and self._is_known and not self._reads and self._session is not None:
             self._reads = True  # newer ones took its place while it was shown
@@ -143,7 +143,7 @@ class SessionPage:
         return description_of(self._gateway.world, self._station, self._session)
 
     async def _ask(self, event: GenericEventArguments) -> None:
-        """Start, stop or describe, without delaying any other page."""
+        """Start, stop or describe, without blocking other pages."""
         if self._desk is None or not isinstance(event.args, dict):
             return
         describes = event.args.get("type") == "describe" or self._start_stop is None
@@ -158,7 +158,7 @@ class SessionPage:
             asked_by.answered(said or "", failed=False)
 
     def _show_program(self, program: wire.Program) -> None:
-        """Show the program as a timeline, which is remade only if it changed: a long one takes its time."""
+        """Show the program as a timeline, which is rebuilt only after a change."""
         if program is not self._timeline_of or self._clock != self._timeline_clock:
             self._timeline_of, self._timeline_clock = program, self._clock
             self._shown = self._timeline.of(program, self._clock)
@@ -170,7 +170,7 @@ class SessionPage:
     def _more(self, update: Update | None) -> dict[str, Any]:
         """Return the payload beside the drawing: state of corrections, and run lengths if they are shown.
 
-        Empty while the browser has not seen enough of what it was sent.
+        Empty while the browser has too many unacknowledged payloads.
         """
         if update is None or not self._view.is_free:
             return {}
@@ -192,7 +192,7 @@ class SessionPage:
         return {"columns" if first else "newColumns": run_lengths(fresh)}
 
     async def _edit(self, event: GenericEventArguments) -> None:
-        """Pass a correction on, without delaying any other page."""
+        """Send a correction, without blocking other pages."""
         if self._corrector is None or not isinstance(event.args, dict):
             return
         try:
@@ -203,7 +203,7 @@ class SessionPage:
             self._view.answered(said or "", failed=False)
 
     async def _preview(self, event: GenericEventArguments) -> None:
-        """Ask what a correction would change, without delaying any other page."""
+        """Query the effect of a correction, without blocking other pages."""
         if self._corrector is None or not isinstance(event.args, dict):
             return
         found = await run.io_bound(preview, self._corrector, self._station, event.args, self._clock)
@@ -211,7 +211,7 @@ class SessionPage:
             self._view.previewed(found)
 
     async def _edit_program(self, event: GenericEventArguments) -> None:
-        """Pass an edit of the program on, without delaying any other page."""
+        """Send an edit of the program, without blocking other pages."""
         if self._program_desk is None or not isinstance(event.args, dict):
             return
         try:
@@ -225,7 +225,7 @@ class SessionPage:
             self._program.answered(said or "", failed=False)
 
     async def _compare(self, event: GenericEventArguments) -> None:
-        """Compare two versions of the program that is shown, without delaying any other page."""
+        """Compare two versions of the shown program, without blocking other pages."""
         program = self._timeline_of
         if program is None or not isinstance(event.args, dict):
             return
@@ -239,7 +239,7 @@ class SessionPage:
             self._program.compared(found)
 
     async def _simulate(self, event: GenericEventArguments) -> None:
-        """Run the program that is shown on the simulated robot, without delaying any other page."""
+        """Run the shown program on the simulated robot, without blocking other pages."""
         program = self._timeline_of
         if self._simulator is None or program is None or self._simulation is not None:
             return
@@ -256,7 +256,7 @@ class SessionPage:
             self._program.simulated(found)
 
     def _cancel(self) -> None:
-        """End the simulation of this page, if one is under way."""
+        """End the simulation of this page, if one is running."""
         if self._simulation is not None:
             self._simulation.end()
 
@@ -264,7 +264,7 @@ class SessionPage:
 def line_of(seen: StationSummary, update: Update | None) -> str:
     """Return the line on a station's session: its gaps, its wrench, its last sample and its times.
 
-    Without a session, the station's state. With one, the state stands above Start and Stop.
+    Without a session it is the station's state. With one, that state is shown above Start and Stop.
     """
     if update is None:
         return f"{seen.said}."
@@ -279,7 +279,7 @@ def line_of(seen: StationSummary, update: Update | None) -> str:
 
 
 def line_of_past(update: Update | None) -> str:
-    """Return the line on a session that was requested by its name; None: the service does not have it."""
+    """Return the line on a session that was requested by its name; None: the service does not hold it."""
     if update is None:
         return "The service does not know this session, or it was deleted."
     state = "closed" if update.closed else "being taught"
@@ -290,13 +290,13 @@ def line_of_past(update: Update | None) -> str:
 
 
 def _times(update: Update) -> list[str]:
-    """Return text on the time from which the page counts; none if it is 0 of the session's clock."""
+    """Return text on the session time that the page displays as 0; none if it is 0."""
     words = clock_of(update.segments).words
     return [words] if words else []
 
 
 def _wrench(status: wire.SessionStatus) -> str:
-    """The wrench source in use; the program's notes say what follows from it."""
+    """Return text on the wrench source in use; the program's notes state the consequences."""
     return f"wrench {status.wrench.source}{'' if status.wrench.stated else ' (assumed)'}"
 
 

@@ -1,4 +1,4 @@
-"""The service as a whole: journal, registry and edge, as a context manager or until a signal.
+"""The whole service: journal, registry and network server, as a context manager or until a signal.
 
 >>> with Service(ServiceConfig(listen="tcp/127.0.0.1:0")) as service:  # doctest: +SKIP
 ...     print(service.endpoint)
@@ -59,7 +59,9 @@ class Service:
         stop: threading.Event | None = None,
         join: Join = join,
     ) -> None:
-        """journal: in place of the configured one; stop: ends a wait for a router; join: see ZenohServer."""
+        """journal: used instead of the configured one; stop: ends a wait for a router; join: as in
+        ZenohServer.
+        """
         self.config = config or ServiceConfig()
         owner = Owner(self.config.instance, int(time.time() * 1000))
         self._file = _journal_on_disk(self.config) if journal is None else None
@@ -124,7 +126,7 @@ class Service:
 
     @property
     def is_alive(self) -> bool:
-        """Whether the worker goes on, or the service is not ready yet."""
+        """Whether the worker completes its loop; True until the service is ready."""
         return liveness(self._observed).healthy
 
     def _batches(self, kept: Journal) -> BatchSource:
@@ -133,11 +135,11 @@ class Service:
 
     @property
     def certificate_end(self) -> float | None:
-        """The time at which the certificate that it shows ends [s since 1970]; None without one."""
+        """The time at which the service's certificate expires [s since 1970]; None without a certificate."""
         return self._observed.certificate_end
 
     def check_link(self) -> None:
-        """Raise NetworkError where only a new process gets a link to the router again."""
+        """Raise NetworkError if only a new process can get a link to the router again."""
         self._edge.check_link()
 
     def status(self) -> ServiceStatus:
@@ -152,9 +154,10 @@ def run_service(
     over: threading.Event,
     pipeline_factory: PipelineFactory | None = None,
 ) -> None:
-    """Run the service until `over` is set (see `stopping`), then leave; call `ready` once it can be found.
+    """Run the service until `over` is set (see `stopping`), then leave the network.
 
-    Raises NetworkError where it cannot join, or the router keeps it out later on.
+    ready: called once clients can reach the service. Raises NetworkError if it cannot join, or the router
+    later refuses its link.
     """
     return_large_blocks()
     try:
@@ -171,7 +174,7 @@ def run_service(
 def segmenting_pipeline() -> PipelineFactory:
     """Return the factory of segmentation pipelines, with compiled kernels.
 
-    It imports them here, so that a service with another pipeline does not wait for them.
+    It imports them when called, so that a service with another pipeline starts without them.
     """
     from caesura_service.numba_support import has_kernels, is_compiled  # noqa: PLC0415
     from caesura_service.prepare import prepare  # noqa: PLC0415
@@ -203,7 +206,7 @@ def _switching_often() -> Iterator[None]:
 def stopping(*, with_stdin: bool = False) -> Iterator[threading.Event]:
     """Yield an event that SIGINT and SIGTERM set while the context lasts.
 
-    with_stdin: also the end of the standard input, which the parent process holds open while it lives.
+    with_stdin: also set at the end of standard input, which the parent process keeps open.
     """
     over = threading.Event()
 

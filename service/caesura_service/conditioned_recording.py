@@ -1,6 +1,6 @@
-"""A recording on the grid of observations, and the filter that a session would run on it.
+"""A recording conditioned to observations, and the filter that a session would run on it.
 
-Evaluation and report start here, so that they see what a session sees.
+Evaluation and report use this module, so that they use the same observations as a session.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from caesura_service.signals import Conditioner, ConditioningParameters, Observa
 
 @dataclass(frozen=True, eq=False)
 class ConditionedRecording:
-    """The observations of a recording, as a session has them.
+    """The observations of a recording, equal to those of a session.
 
-    tared: whether there was a rest from which the bias of the force was taken.
+    tared: whether there was a rest from which the bias of the force was estimated.
     """
 
     observations: tuple[Observation, ...]
@@ -44,15 +44,15 @@ class ConditionedRecording:
 
     @property
     def stretches(self) -> list[list[ModelInput]]:
-        """The inputs, divided at gaps; the filter begins anew after each."""
+        """The inputs, divided at gaps; the filter restarts after each."""
         gaps = (i for i, observation in enumerate(self.observations) if observation.after_gap and i)
         cuts = [0, *gaps, len(self.observations)]
         return [self.inputs[first:last] for first, last in pairwise(cuts)]
 
     def make_filter(self, preset: Preset, *, orientation: bool = True) -> ChangepointFilter:
-        """Return a filter for what this recording reports. orientation: use it where there is one.
+        """Return a filter for the signals of this recording. orientation: use it if reported.
 
-        Raises ValueError where the preset uses nothing that the recording reports.
+        Raises ValueError if the preset uses no signal of the recording.
         """
         return filter_of(
             preset,
@@ -64,7 +64,7 @@ class ConditionedRecording:
 
 
 def condition(recording: Recording, parameters: ConditioningParameters | None = None) -> ConditionedRecording:
-    """Condition all samples at once, which gives the same numbers as batches do.
+    """Condition all samples at once; the result equals that of batches.
 
     Raises ValueError for columns or values that cannot be segmented.
     """
@@ -75,9 +75,9 @@ def condition(recording: Recording, parameters: ConditioningParameters | None = 
 
 
 def observed(observation: Observation, upright: NDArray[np.float64] | None = None) -> ModelInput:
-    """Return an observation as the input of the segment models; upright: as of `ObservationStore`.
+    """Return an observation as the input of the segment models; upright: as in `ObservationStore`.
 
-    It shares nothing with the rows of a session, so that results can be compared with those of a session.
+    It does not use the rows of a session, so that tests can compare both.
     """
     force = observation.force_base / force_scale(observation)
     rotation = UNTURNED if observation.rotation is None else observation.rotation

@@ -24,13 +24,13 @@ def journal_directory() -> Path:
 
 
 def journal_path(directory: Path, instance: str) -> Path:
-    """The file of an instance's journal."""
+    """Return the file of an instance's journal."""
     return directory / f"{instance}.sqlite"
 
 
 @dataclass(frozen=True)
 class ServiceConfig:
-    """The settings of an instance. Raises ProtocolError where its name is no valid name.
+    """The settings of an instance. Raises ProtocolError for an invalid name.
 
     journal: the directory of the instance's journal, which instances on one router and one machine share;
     None keeps it in memory.

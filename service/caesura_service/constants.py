@@ -1,4 +1,4 @@
-"""Physical constants and rates that several rooms use; each is defined here and nowhere else."""
+"""Physical constants and rates that several packages use; each is defined only here."""
 
 from __future__ import annotations
 

@@ -1,20 +1,18 @@
-"""Divides long work into slices, between which other stations have their turn.
+"""Divides long work into time slices, between which the work of other stations runs.
 
-What takes long (an hour that is filtered anew, a batch of a minute) calls `give_way` as it goes. Nothing
-between there and where the work was begun has to know of it, for the work runs on a stack of its own, a
-greenlet: it stops in `give_way` once its slice is over, and goes on from there in its next one. Where nothing
-was begun as slices, `give_way` does nothing. So slices change when something is computed, and never what.
+Long work (filtering an hour again, a batch of a minute) calls `give_way` repeatedly. The functions between
+that call and the start of the work need no change, because the work runs in a greenlet with its own stack. It
+is suspended in `give_way` once its slice is over, and continues there in its next slice. Outside of a work
+`give_way` does nothing. So slices change when a result is computed, and never the result.
 
-Work calls `stand_aside` once its urgent part is done: the rest has its slices when no other work is left, or
-when the caller asks for it.
+Work calls `stand_aside` once its urgent part is done. The rest gets slices when no other work is left, or
+when the caller requests it.
 
-A stack is used again for the next piece of work: a new one costs the interpreter fresh memory, which is more
-than most messages take otherwise.
+A greenlet is reused for the next work, because a new stack takes more memory than most messages do.
 
 Rules
-- Until the work ends, others see of its session what they saw before it began; of work that stands aside,
-  what it came to before that.
-- Before a station changes hands its work is brought to its end (`finish`).
+- Until the work ends, other threads see its session as before it began; after `stand_aside`, as of that call.
+- Before a station changes its owner its work is completed (`finish`).
 """
 
 from __future__ import annotations
@@ -30,9 +28,9 @@ IDLE = 4  # stacks that are kept for later work
 
 
 class _Stack(greenlet):  # type: ignore[misc]  # greenlet comes without types
-    """A greenlet that does one piece of work after the other.
+    """A greenlet that runs one work after the other.
 
-    Each work ends with a switch to the greenlet in which its last slice was begun.
+    Each work ends with a switch to the greenlet that started its last slice.
     """
 
     until = inf  # [s] when the slice of its work is over
@@ -42,7 +40,7 @@ class _Stack(greenlet):  # type: ignore[misc]  # greenlet comes without types
     stands_aside = False  # for the rest of its work
 
     def run(self) -> None:
-        """Run every work until the greenlet is left off; keep nothing of a work that has ended."""
+        """Run works until the greenlet is abandoned; keep no reference to a work that has ended."""
         while (work := self.work) is not None:
             self.is_idle, self.work, self.stands_aside = False, None, False
             try:
@@ -54,14 +52,14 @@ class _Stack(greenlet):  # type: ignore[misc]  # greenlet comes without types
 
 
 def give_way() -> None:
-    """Switch to other works, if the slice of the work that calls this is over."""
+    """Switch to other works, if the slice of the calling work is over."""
     current = getcurrent()
     if isinstance(current, _Stack) and time.perf_counter() >= current.until:
         current.parent.switch()
 
 
 def stand_aside() -> None:
-    """Switch to other works now, and as long as any of them has something to do."""
+    """Switch to other works now, and continue only when they have nothing to do."""
     current = getcurrent()
     if isinstance(current, _Stack):
         current.stands_aside = True
@@ -69,7 +67,7 @@ def stand_aside() -> None:
 
 
 class Slices:
-    """Works by name, at most one for each name. One thread uses it."""
+    """Works by name, at most one per name. Only one thread may use it."""
 
     def __init__(self, slice_s: float = SLICE_S) -> None:
         self.slice_s = slice_s
@@ -77,21 +75,21 @@ class Slices:
         self._idle: list[_Stack] = []
 
     def is_under_way(self, name: str) -> bool:
-        """Whether a work of this name has a slice left."""
+        """Whether a work of this name is unfinished."""
         return name in self._under_way
 
     def stands_aside(self, name: str) -> bool:
-        """Whether the rest of a work may wait until others have nothing to do."""
+        """Whether the rest of a work may wait until other works have nothing to do."""
         return name in self._under_way and self._under_way[name].stands_aside
 
     def begin(self, name: str, work: Callable[[], None]) -> bool:
-        """Run the first slice of a work; return whether that was all of it. Raises what the work raises."""
+        """Run the first slice of a work; return whether the work is finished. Raises what the work raises."""
         stack = self._idle.pop() if self._idle else _Stack()
         stack.work = work
         return self._do(name, stack, self.slice_s)
 
     def go_on(self, name: str) -> bool:
-        """Run the next slice of a work, if there is one; return whether nothing is left of it."""
+        """Run the next slice of a work, if there is one; return whether the work is finished."""
         stack = self._under_way.pop(name, None)
         return stack is None or self._do(name, stack, self.slice_s)
 
@@ -101,14 +99,14 @@ class Slices:
             self._do(name, stack, inf)
 
     def stop(self) -> None:
-        """Abandon all works where they stand."""
+        """Abandon all unfinished works."""
         stacks = [*self._under_way.values(), *self._idle]
         self._under_way, self._idle = {}, []
         for stack in stacks:
             stack.throw(GreenletExit)
 
     def _do(self, name: str, stack: _Stack, slice_s: float) -> bool:
-        """Run one slice of a work; return whether the work has ended. Raises what the work raises."""
+        """Run one slice of a work; return whether the work is finished. Raises what the work raises."""
         stack.parent = getcurrent()
         stack.until = time.perf_counter() + slice_s
         stack.switch()

@@ -1,4 +1,4 @@
-"""A check that the extra `service` is installed, without importing any of it, which takes a second."""
+"""Checks that the packages of the extra `service` are installed, without importing them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ PACKAGES = (
 
 
 def check_installed() -> None:
-    """Raise ModuleNotFoundError, which names the package, where one of the extra's is missing."""
+    """Raise ModuleNotFoundError, which names the package, if a package of the extra is missing."""
     for name in PACKAGES:
         if find_spec(name) is None:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)

@@ -1,8 +1,8 @@
-"""The return of memory to the system: a large block goes back once it is no longer used.
+"""Makes the allocator return large blocks of memory to the system as soon as they are freed.
 
-The allocator of glibc raises the size from which it does so with every such block that a program frees, up to
-32 MB. A long program is encoded anew at each change of it, and the blocks of these bytes then leave holes. Of
-15 MB by which an hour of work grew a session, 13 were holes (`tests/bench/hour.py`).
+glibc raises the size threshold for that with every large block that a program frees, up to 32 MB. A long task
+program is encoded again at each change, and its freed blocks then fragment the heap. Of 15 MB by which an
+hour of work grew a session, 13 were unused fragments (`tests/bench/hour.py`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ _M_MMAP_THRESHOLD = -3  # malloc.h
 
 
 def return_large_blocks() -> bool:
-    """Return blocks of `LARGE_BYTES` or more when they are freed; False where the allocator is another."""
+    """Make the allocator unmap freed blocks of `LARGE_BYTES` or more; return False for another allocator."""
     try:
         mallopt = ctypes.CDLL(None).mallopt
     except AttributeError:

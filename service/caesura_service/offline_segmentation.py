@@ -1,6 +1,6 @@
 """Segments a recording without a network, in the same batches as a bridge would send.
 
-What comes out is, number for number, what a session over the wire would have said at its end.
+The results equal those of a session over the network at its end, to the last bit.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ BATCH_SAMPLES = 20
 def opening_of(recording: Recording, preset: str | None = None, setting: CellSettings = UNSET) -> Open:
     """Return the opening with which a bridge would send the recording.
 
-    Values that `setting` leaves open are as the recording states them.
+    Values that `setting` leaves open are those of the recording.
     """
     return Open(
         session="file",
@@ -55,7 +55,7 @@ def capabilities_of(recording: Recording) -> WrenchCapabilities:
 
 
 def batches(recording: Recording) -> Iterator[NDArray[np.float64]]:
-    """Yield the samples (n, columns) of a recording as a service gets them.
+    """Yield the samples (n, columns) of a recording in the batches that a service would receive.
 
     Raises ProtocolError `malformed`.
     """
@@ -96,7 +96,7 @@ def _counted_from(taken: int, error: str) -> str:
 
 
 def recording_of(records: Iterable[Record]) -> Recording:
-    """Return the samples of a session's records, in order. Raises RecordingError where there are none."""
+    """Return the samples of a session's records, in order. Raises RecordingError without samples."""
     opening: Open | None = None
     taken: dict[int, NDArray[np.float64]] = {}
     for record in records:
@@ -131,7 +131,7 @@ def segment_recording(
     setting: CellSettings = UNSET,
     progress: Callable[[int], None] = lambda samples: None,
 ) -> PipelineView:
-    """Segment a whole recording; progress is called with the number of samples taken. As `views`."""
+    """Segment a whole recording. progress: called with the number of samples processed. Raises as `views`."""
     for view in views(recording, preset, threshold=threshold, setting=setting):
         progress(view.samples)
     return view

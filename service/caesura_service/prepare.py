@@ -12,10 +12,10 @@ from caesura_service.signals import warm_up
 
 
 def prepare() -> None:
-    """Load all kernels, after another process has compiled them where none are kept.
+    """Load all kernels; if they are not cached, another process compiles them first.
 
-    Code that a process has compiled itself may differ in the last bit from the same code that it loads. So a
-    session would not be replayed bit for bit after a restart.
+    The results of code that this process has compiled may differ in the last bit from those of loaded code.
+    Then a session would not be replayed bit for bit after a restart.
     """
     if has_kernels() and not is_compiled():
         command = [sys.executable, "-m", "caesura_service.prepare"]
@@ -24,7 +24,7 @@ def prepare() -> None:
 
 
 def _load() -> None:
-    """Call every kernel once: what is kept is loaded, what is not is compiled."""
+    """Call every kernel once: cached ones are loaded, others are compiled."""
     filter_choice.prepare()
     warm_up.prepare()
 

@@ -1,21 +1,20 @@
 """The bias of a tared force, tracked while it drifts.
 
-A bias drifts slowly; a contact comes and goes fast. So the bias is a random walk m with variance v of each
-axis, and each force is one of two things, as the movement is free or in contact. Free movement and contact
-each last:
+A bias drifts slowly, and contacts begin and end fast. So the bias is a random walk m with variance v of each
+axis. Each force has one of these densities, with free movement and contact as two persistent states:
 
     free                p(F) = N(m, v + R)
     a contact begins    p(F) = N(m, c² I)
     a contact lasts     p(F) = N(F before, s² I)
 
-A Kalman filter takes a free force: m ← m + K (F − m), K = v / (v + R). While a contact lasts, v grows, so
-that a drift in the meantime is caught up with afterwards. Whether a force was free often shows only later: a
-tool that comes off a surface reads nearly what the bias could be. So both are kept, as hypotheses with their
-probability (Reid 1979), and the bias is that of the most probable one. With one hypothesis, a contact that
-was taken for bias was never taken back: every free force after it was a contact then.
+A Kalman filter is updated with each free force: m ← m + K (F − m), K = v / (v + R). During a contact v grows,
+so that the filter follows a drift that happened meanwhile. Often only later forces show whether a force was
+free: when a tool leaves a surface, the force is close to a possible bias. So both alternatives are kept as
+hypotheses with their probability (Reid 1979), and the bias is that of the most probable one. A single
+hypothesis could not be revised: a contact mistaken for bias would make every later free force a contact.
 
-While the fingers hold something its weight and the bias are one: the upright axis says nothing of either
-then, and the other two are followed on.
+While the fingers hold something, its weight and the bias add up on the vertical axis. Then only the two
+horizontal axes are tracked.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ LIKE_N2 = 0.25  # [N²] of a difference that the noise of a force hides
 
 
 class BiasHypothesis(NamedTuple):
-    """One account of which forces were free, with the bias that follows from it and its probability."""
+    """One assignment of forces to free movement or contact, with the resulting bias and its probability."""
 
     mean: Vector = (0.0, 0.0, 0.0)  # [N]
     variance: Vector = (0.0, 0.0, 0.0)  # [N²]
@@ -43,7 +42,7 @@ class BiasHypothesis(NamedTuple):
 
 
 class DriftState(NamedTuple):
-    """The bias, as hypotheses, the most probable one first."""
+    """The hypotheses of the bias, the most probable one first."""
 
     hypotheses: tuple[BiasHypothesis, ...] = (BiasHypothesis(),)
 
@@ -75,7 +74,7 @@ class DriftTracker:
     lasting_share: float = 0.95  # two seconds
 
     def wait(self, state: DriftState, dt: float) -> DriftState:
-        """Return the state after a time dt [s] in which no force is known to be free."""
+        """Return the state after a time dt [s] without a force that is known to be free."""
         gained, most = self.walk_n2_per_s * dt, self.most_n2
         waited = [
             BiasHypothesis(m, (min(x + gained, most), min(y + gained, most), min(z + gained, most)), w, f)
@@ -139,7 +138,7 @@ def _vector(axes: Sequence[float]) -> Vector:
 
 
 def _is_like(one: BiasHypothesis, other: BiasHypothesis) -> bool:
-    """Whether two hypotheses are so near that the next forces do not distinguish them."""
+    """Return whether two hypotheses are so close that the next forces do not distinguish them."""
     if (one.contact is None) != (other.contact is None):
         return False
     (ax, ay, az), (bx, by, bz) = one.mean, other.mean

@@ -1,17 +1,16 @@
-"""Hints from the posterior: a boundary that is as probable as not.
+"""Hints from the posterior: a boundary with a probability near one half.
 
 The models of segments look five observations ahead at a corner that takes 0.3 s: then its weight does not
 change any more (`changepoint.corner_weight`). After that the smoothed probability that a boundary is near is
-mostly below 0.1 or above 0.9. In between, the demonstration does not show whether a segment ends there.
-Of a slower corner the weight is settled after seven. To wait for it gives no fewer false hints.
-A hint needs two observations in a row at which a boundary is unclear, because most resolve with the
-second.
+mostly below 0.1 or above 0.9. In between, the demonstration does not show whether a segment ends there. For a
+slower corner the weight settles after seven. Waiting for it does not reduce false hints. A hint needs two
+observations in a row at which a boundary is unclear, because most resolve with the second.
 
 Where the arm rests for as long as the advice says, the advice has been followed: a boundary in such a rest
 has no hint.
 
-A boundary has one hint. At first its advice is to pause. Where the boundary stays unclear until it leaves
-the window of the posterior, a pause comes too late: the same hint asks for the part to be shown again.
+A boundary has one hint. At first its advice is to pause. If the boundary is still unclear when it leaves the
+window of the posterior, a pause comes too late: the same hint then advises demonstrating the part again.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ class Boundary(NamedTuple):
 
 
 class SmoothedPosterior(Protocol):
-    """The part of a changepoint filter that hints on boundaries read."""
+    """The members of a changepoint filter that hints on boundaries use."""
 
     @property
     def count(self) -> int:
@@ -98,11 +97,11 @@ class BoundaryCoach:
             self._follow(posterior.changepoint_probabilities, boundary, newest, t)
 
     def _may_hint(self, index: int) -> bool:
-        """Whether a boundary is another than the last hinted one, whose hint could be read since."""
+        """Whether a boundary is more than LEAST observations after the last hinted one."""
         return self._hinted is None or index > self._hinted.start + LEAST
 
     def _is_in_pause(self) -> bool:
-        """Whether the arm rests for the advised pause about the boundary under judgement."""
+        """Whether the arm rests for the advised pause around the observed boundary."""
         before, after = self._rests[: -LAG - 1], self._rests[-LAG - 1 :]  # the first leads to the boundary
         rest = [*takewhile(bool, after)]
         if rest:
@@ -110,7 +109,7 @@ class BoundaryCoach:
         return len(rest) >= PAUSED
 
     def _watch(self, boundary: Boundary, t: float, probability: float) -> None:
-        """Raise the hint, and follow the boundary."""
+        """Raise a hint for a boundary, and start observing it."""
         self._hinted = boundary
         self._open.append(boundary)
         text = (
@@ -123,7 +122,7 @@ class BoundaryCoach:
     def _follow(
         self, probabilities: Callable[[int, int], list[float]], boundary: Boundary, newest: int, t: float
     ) -> None:
-        """Clear the hint once the boundary is resolved; change it where it leaves the window unclear."""
+        """Clear the hint once the boundary is resolved; change its advice if it leaves the window unclear."""
         found = sum(probabilities(boundary.start - REACH, boundary.start + REACH))
         is_resolved = not 1.0 - RESOLVED < found < RESOLVED
         age = newest - boundary.start
@@ -143,7 +142,7 @@ class BoundaryCoach:
         )
 
     def _clear_again(self, t: float) -> None:
-        """Clear the hint that asks for a part, if there is one."""
+        """Clear the hint that asks to demonstrate a part again, if there is one."""
         if self._again is not None:
             self.log.clear(KIND, t, place=self._again.t)
             self._again = None

@@ -1,8 +1,8 @@
-"""Raises and clears hints: each kind once, or once a place, with hysteresis, and not again for a while.
+"""Raises and clears hints: one per kind, or per kind and place, with hysteresis and a refractory time.
 
 A rule has a level, of which 1 is its limit. A hint is raised when the level was at 1 or more for `confirm`
-observations, and cleared when it was below `clear_below` for `release` of them. For `refractory_s` after
-that no hint of its kind is raised.
+observations, and cleared when it was below `clear_below` for `release` of them. For `refractory_s` after that
+no hint of its kind is raised.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Cause = tuple[HintKind, float | None]  # a kind, and the place that it is about 
 
 
 class _Standing(NamedTuple):
-    """The state of one cause of hints."""
+    """The state of one cause of hints: its counts, and its active hint."""
 
     hint: Hint | None = None  # the active one
     streak: int = 0  # observations in a row that speak for a change
@@ -52,7 +52,7 @@ class HintLog:
         self.hints: tuple[Hint, ...] = ()  # the same tuple as long as nothing changes
 
     def step(self, trigger: Trigger, t: float, level: float, words: Callable[[], Words]) -> None:
-        """Raise or clear a hint by the level of a rule at a time [s]; nan is no reason for one.
+        """Raise or clear a hint by the level of a rule at a time [s]; nan counts as a level of 0.
 
         words: text and advice of a new hint.
         """
@@ -106,7 +106,7 @@ class HintLog:
         self._publish()
 
     def clear_all(self, t: float) -> None:
-        """Clear every active hint: the demonstration is over."""
+        """Clear every active hint at the end of the demonstration."""
         for kind, place in [*self._standing]:
             self.clear(kind, t, place=place)
 

@@ -1,18 +1,18 @@
-"""From an observation to the few numbers that the rules of coaching compare with their limits.
+"""Computes from each observation the few numbers that the coaching rules compare with their limits.
 
 In movement a force is one of these:
 
 - the bias, which `bias` tracks;
 - a contact that slides: across the movement, and with Coulomb friction of at most 1 against it;
 - a load: downwards, while the fingers hold something, or where the gripper's state is not reported;
-- a hand: it drives the movement, and does work on the robot, as nothing passive does for long. A load works
-  only while it sinks;
-- stray, which is what is left: a cable that pulls, or something that hangs on the tool.
+- a hand: it drives the movement and does work on the robot, which no passive object does for long. A load
+  does work only while it sinks;
+- stray, the remainder: a cable that pulls, or something that hangs on the tool.
 
-A surface that springs back drives the tool too, but it returns no more work than it took up as it was
-pressed. So what drives is the surface's while the work that it holds, since the tool touched it, is above
-zero. Work against friction is lost, and not held. A hand has no such bound. A force as small as a bias is no
-touch, and holds nothing.
+An elastic surface also drives the tool, but returns no more work than it stored while it was pressed. So a
+driving force is attributed to the surface while its stored work since the touch is above zero. Work against
+friction is lost, and not stored. A hand has no such bound. A force as small as a bias is no touch, and stores
+no work.
 """
 
 from __future__ import annotations
@@ -53,9 +53,10 @@ class ArmLimits:
     jacobian: Callable[[Array], Array]
 
     def nearest(self, joints: Array, speeds: Array, slowing: Array) -> tuple[int, float]:
-        """Return the joint that comes nearest to a limit within AHEAD_S, and its distance [rad] then.
+        """Return the joint that will be closest to a limit within AHEAD_S, and its distance [rad] at that
+        time.
 
-        speeds (n,) [rad/s]; slowing (n,) [rad/s²] by which each gets slower, 0 where it does not.
+        speeds: (n,) [rad/s]; slowing: (n,) deceleration [rad/s²], 0 for a joint that does not slow down.
         """
         later = joints + speeds * _seconds_at_speed(speeds, slowing)
         low, high = np.minimum(joints, later), np.maximum(joints, later)
@@ -74,9 +75,9 @@ class ArmLimits:
 class CoachingSetup:
     """The statements of a session on which its rules depend.
 
-    clean_wrench: the force is declared to be without the hand; bias_n [N] scale of the force in free space;
-    path_tolerance_m [m] of the program's paths; arm: None where it is not stated; is_tared: the force has a
-    tare.
+    clean_wrench: whether the wrench is declared not to contain the hand; bias_n: scale of the force in free
+    space [N]; path_tolerance_m: of the program's paths [m]; arm: None if not stated; is_tared: whether the
+    force has a tare.
     """
 
     clean_wrench: bool
@@ -87,9 +88,9 @@ class CoachingSetup:
 
 
 def _seconds_at_speed(speeds: Array, slowing: Array) -> Array:
-    """Return the time [s] in which each joint, at its speed, goes as far as while it slows down for AHEAD_S.
+    """Return the time [s] in which each joint, at constant speed, covers its way within AHEAD_S.
 
-    It slows down to a stop at most.
+    The way includes the deceleration, to a stop at most.
     """
     size = np.abs(speeds)
     stops_in = np.divide(size, slowing, out=np.full_like(size, np.inf), where=slowing > 0.0)
@@ -99,7 +100,7 @@ def _seconds_at_speed(speeds: Array, slowing: Array) -> Array:
 
 
 class ObservedPose(NamedTuple):
-    """An observation as coaching reads it. Vectors are in the base frame."""
+    """An observation in the form that coaching uses. Vectors are in the base frame."""
 
     t: float  # [s]
     position: Vector  # [m] of the flange
@@ -124,7 +125,7 @@ NO_ARM = ArmMeasures()
 
 
 class Measures(NamedTuple):
-    """The values that rules compare with their limits; nan where there is none."""
+    """The values that rules compare with their limits; nan for a missing one."""
 
     push: float = math.nan  # cumulative sum of the force that drives the movement [standard deviations]
     driving_n: float = math.nan  # that force, now
@@ -137,7 +138,7 @@ class Measures(NamedTuple):
 
 
 class MotionState(NamedTuple):
-    """The state that the observations so far leave to later ones."""
+    """The state that is carried from one observation to the next."""
 
     poses: tuple[ObservedPose, ...] = ()  # the newest POSES, oldest first, none across a gap
     push: float = 0.0  # as in Measures
@@ -158,7 +159,7 @@ class Meter:
         self._tracker, self._zeroed_tracker = _tracker(setup.bias_n), _tracker(TARED_BIAS_N)
 
     def setup_of(self, state: MotionState) -> CoachingSetup:
-        """Return the setup for the measures of a state: that of a tared force, once the zero is known."""
+        """Return the setup for a state: that of a tared force once the zero is estimated."""
         return self._setup if state.zero is None else self._zeroed
 
     def advance(self, state: MotionState, pose: ObservedPose) -> tuple[MotionState, Measures]:
@@ -202,7 +203,7 @@ class Meter:
         return state._replace(zero=(x, y, z), free=(), push=0.0, drift=DriftState())
 
     def _held(self, state: MotionState, before: ObservedPose, pose: ObservedPose) -> float:
-        """Return the work [J] that the touched object has taken up, and not returned, after a pose."""
+        """Return the work [J] that the touched object stores after a pose: taken up and not returned."""
         bias = _sum(state.zero or NOTHING, state.drift.mean)
         now, earlier = _difference(pose.force, bias), _difference(before.force, bias)
         if math.hypot(*now) <= self.setup_of(state).bias_n:
@@ -213,10 +214,7 @@ class Meter:
     def _of_force(
         self, state: MotionState, pose: ObservedPose, dt: float
     ) -> tuple[DriftState, float, float, float]:
-        """Return the bias after a force, the hand's push, and the driving and the stray force [N].
-
-        The push is the cumulative sum (Page 1954) of the driving force beyond the predicted bias.
-        """
+        """Return the bias state after a force, the hand's push, and the driving and stray force [N]."""
         x, y, z = pose.velocity
         speed = math.sqrt(x * x + y * y + z * z)
         tracker = self._tracker if state.zero is None else self._zeroed_tracker
@@ -242,12 +240,12 @@ def _tracker(scale_n: float) -> DriftTracker:
 
 
 def _moves_freely(pose: ObservedPose) -> bool:
-    """Whether the force counts as bias: the movement is faster than a contact, and without a known load."""
+    """Return whether the force counts as bias: fast movement, without a known load."""
     return math.hypot(*pose.velocity) >= FREE_M_PER_S and pose.holding != 1.0
 
 
 def _stored(force: Vector, way: Vector) -> float:
-    """Return the energy [J] that a spring can take up of a force [N] on a way [m].
+    """Return the work [J] of a force [N] along a displacement [m] that a spring can store.
 
     It is negative where the spring returns energy. Friction is at most the force across the way, and stores
     nothing.
@@ -270,13 +268,13 @@ def _difference(a: Vector, b: Vector) -> Vector:
 
 
 def _along(variance: Vector, heading: Vector) -> float:
-    """Return the variance [N²] along a heading of a force whose axes have these variances."""
+    """Return the variance [N²] of a force along a heading; variance: of its axes."""
     (x, y, z), (hx, hy, hz) = variance, heading
     return x * hx * hx + y * hy * hy + z * hz * hz
 
 
 def _singular(arm: ArmLimits, pose: ObservedPose) -> ArmMeasures:
-    """Return the measure of how near the joints of an observation are to a singularity."""
+    """Return the arm's measures with the smallest singular value at an observation's joints."""
     return NO_ARM if pose.joints is None else ArmMeasures(arm.smallest_singular_value(pose.joints))
 
 
@@ -305,10 +303,11 @@ def _joint_speeds(poses: Sequence[ObservedPose]) -> tuple[Array, Array]:
 
 
 def _driving_and_stray(force: Vector, heading: Vector, holding: float) -> tuple[float, float]:
-    """Return the force [N] that drives along the heading, and the rest that no friction or load explains.
+    """Return the force [N] that drives along the heading, and the remainder that no friction or load
+    explains.
 
-    holding: 0, the fingers hold nothing. Where they may, a force that sinks with its load does not drive. 1,
-    they hold something: what pulls down is its weight.
+    holding: 1: the fingers hold something; 0: nothing; otherwise unknown. Unless it is 0, a downward force
+    does not drive a downward movement. If it is 1, a downward force is the weight.
     """
     (x, y, z), (hx, hy, hz) = force, heading
     level = x * hx + y * hy
@@ -323,7 +322,7 @@ def _driving_and_stray(force: Vector, heading: Vector, holding: float) -> tuple[
 
 
 def path_error(poses: tuple[ObservedPose, ...]) -> float:
-    """Return how far [m] the cubic through four poses misses the movement at most; 0 for fewer poses.
+    """Return the greatest deviation [m] of the cubic through four poses from the movement; 0 for fewer poses.
 
     The movement between two poses is the cubic with their velocities, whose error midway is nine times
     smaller. The slopes of the two curves differ by e and f at the poses [m a step]. So the curves are s (1 −

@@ -1,6 +1,6 @@
-"""The rules on signals, as a table: what is measured, its limit, and what the teacher is advised.
+"""The rules on signals as a table: the measure, its limit, and the advice to the teacher.
 
-No limit is tuned. Each follows from what the system states elsewhere:
+No limit is tuned. Each follows from another definition of the system:
 
 - A force is beyond the bias where tared free space reads less with probability 0.99: 2.33 scales along a
   direction, 3.37 scales in size (χ with three degrees of freedom).
@@ -31,9 +31,9 @@ LIMIT_CONFIRM = 2  # observations: at the fastest point of a movement no joint s
 
 @dataclass(frozen=True)
 class SignalRule:
-    """A rule on signals, with functions for its level and for the words of a new hint.
+    """A rule on signals, with functions for its level and for the text of a new hint.
 
-    level: 1 and more where the limit is reached, nan where nothing is measured.
+    level: 1 and more if the limit is reached, nan without a measurement.
     """
 
     trigger: Trigger
@@ -50,10 +50,7 @@ def _hand_level(m: Measures, setup: CoachingSetup) -> float:
 
 
 def _joint_level(m: Measures, _setup: CoachingSetup) -> float:
-    """Return the level of the joint that comes nearest to a limit: 1 at the margin, 2 at the limit.
-
-    0 is two margins away. Where a joint is within the margin now, the level is at least LOUD.
-    """
+    """Return the level of the joint that is closest to a limit: 1 at the margin, 2 at the limit."""
     ahead = 2.0 - m.arm.joint_left_rad / JOINT_MARGIN_RAD
     return max(ahead, LOUD) if m.arm.left_now_rad <= JOINT_MARGIN_RAD else ahead
 

@@ -1,4 +1,4 @@
-"""Hints from the signals alone: no correction changes them."""
+"""Hints from the signals alone, which no correction changes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class SignalCoach:
             self.log.clear("show_again", pose.t)
 
     def report_gap(self, t0: float, tn: float) -> None:
-        """Raise a hint to show the part again in which samples are missing, from t0 to tn [s]."""
+        """Raise a hint to demonstrate the part again in which samples are missing, t0 to tn [s]."""
         self.log.clear("show_again", tn)
         self._again_until = tn + SHOWN_S
         self.log.raise_hint(

@@ -1,7 +1,7 @@
-"""The time for which the measured force is one number while the flange moves, as from a dead driver.
+"""The time for which the measured force stays equal while the flange moves, as with a dead driver.
 
-A sensor with steps repeats its values too: it has done so for a shorter time, and changed, before. A force
-that has never changed in a session may be such a step for its first FIRST_FROZEN_S.
+A quantised sensor repeats its values too. Its repeats are shorter, and it has changed before. A force that
+has never changed in a session may be one quantisation step for its first FIRST_FROZEN_S.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ FIRST_FROZEN_S = 2.0
 
 
 class UnchangedForce(NamedTuple):
-    """A span in which a force has had the same length, to within rounding, and the place at its start."""
+    """A span in which a force has kept its size, to within rounding, and the position at its start."""
 
     measured_n: float  # [N]
     since: float  # [s]
@@ -27,7 +27,7 @@ class UnchangedForce(NamedTuple):
 
     @property
     def frozen_s(self) -> float:
-        """The time [s] for which the force counts as frozen; 0 where it may be a step of the sensor."""
+        """Time [s] for which the force counts as frozen; 0 if it may be a quantisation step."""
         seconds = self.until - self.since
         is_known = self.has_changed or seconds > FIRST_FROZEN_S
         return seconds if is_known and not self.has_steps else 0.0
@@ -36,7 +36,7 @@ class UnchangedForce(NamedTuple):
 def begun(
     before: UnchangedForce | None, measured_n: float | None, t: float, place: Vector
 ) -> UnchangedForce | None:
-    """Return the span that starts with a new length [N] of the force; None without a wrench.
+    """Return the span that starts with a new size [N] of the force; None without a wrench.
 
     t: [s]; place: [m].
     """
@@ -52,7 +52,7 @@ def begun(
 def advanced(
     before: UnchangedForce | None, measured_n: float | None, t: float, place: Vector
 ) -> tuple[UnchangedForce | None, float]:
-    """Return the span after the next force, and for how long [s] that force is frozen.
+    """Return the span after the next force, and the time [s] for which the force is frozen.
 
     The time is 0 until the flange has moved by MOVED_M.
     """

@@ -1,4 +1,4 @@
-"""`caesura certs`: certificates and access rules, ready for Zenoh, in one directory."""
+"""`caesura certs`: writes certificates and access rules for Zenoh into one directory."""
 
 from __future__ import annotations
 
@@ -91,9 +91,10 @@ def _print_summary(kept: CredentialStore) -> None:
 
 
 def _command(holder: Identity, endpoint: str) -> str:
-    """Return the command that a holder runs with its file.
+    """Return the command that a certificate's holder runs with its configuration file.
 
-    A client's file names the router. A service needs `--connect`, or it would be a router itself.
+    A client's file names the router. A service needs `--connect`, because without it it would be a router
+    itself.
     """
     words = {
         "service": f"serve --instance {holder.name} --connect {endpoint}",

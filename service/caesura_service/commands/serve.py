@@ -1,4 +1,4 @@
-"""`caesura serve`: the service, until a signal ends it."""
+"""`caesura serve`: runs the service until a signal ends it."""
 
 from __future__ import annotations
 

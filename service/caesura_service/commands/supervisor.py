@@ -1,8 +1,8 @@
-"""`caesura serve --instances N`: a router and N instances, each a process that is started again if it ends.
+"""`caesura serve --instances N`: a router and N instances, each a process that is restarted if it ends.
 
-The instances end with this process, however it ends: each leaves when its standard input closes. While its
-work goes on each says so on its standard output, every BEAT_S; one that is silent for too long, because it
-is frozen or its worker hangs, is killed and started again.
+The instances end with this process, however it ends: each leaves when its standard input closes. Each prints
+a heartbeat on its standard output every BEAT_S while its worker runs. An instance without heartbeats, because
+it is frozen or its worker hangs, is killed and restarted.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ LEAVES_WITH_STDIN = "--leave-with-stdin"
 
 
 class InstanceError(Exception):
-    """Raised where an instance ended before it was ready; its own output has the reason."""
+    """An instance ended before it was ready; its own output states the reason."""
 
 
 class Instance:
-    """A process that is kept running, from `start` to `end`, by a thread of its own."""
+    """A process that a thread restarts whenever it ends, from `start` to `end`."""
 
     def __init__(
         self,
@@ -51,7 +51,10 @@ class Instance:
         *,
         silence_s: float = SILENCE_S,
     ) -> None:
-        """changed: called from the thread whenever it is ready, or has failed; silence_s: ends it."""
+        """changed: called from the thread when the process is ready or has failed.
+
+        silence_s: time without a heartbeat after which the process is killed.
+        """
         self.name = name
         self.ready = False  # has it been once?
         self.failed: int | None = None  # the exit code with which it ended before it was ready
@@ -70,7 +73,7 @@ class Instance:
         self._thread.start()
 
     def look(self) -> None:
-        """Kill the process where it has been silent for too long. Call this every LOOK_S."""
+        """Kill the process if it has been silent for too long. Call this every LOOK_S."""
         with self._guard:
             self._silent_s += LOOK_S
             if self._silent_s < self._limit_s or self._process is None or self._over.is_set():
@@ -80,7 +83,7 @@ class Instance:
             self._silent_s = 0.0
 
     def end(self) -> None:
-        """Terminate the process, and kill it where it does not leave within PATIENCE_S."""
+        """Terminate the process; kill it if it has not ended within PATIENCE_S."""
         with self._guard:
             self._over.set()
             process = self._process
@@ -145,9 +148,10 @@ def run_instances(
 ) -> None:
     """Keep instances running until `over` is set.
 
-    network: of the router, which this process is unless it has `connect`; options: of `caesura serve`, for an
-    instance by its place and name; ready: called with the endpoint once all are; silence_s: for so long an
-    instance may give no sign of life. Raises NetworkError or InstanceError where one never began.
+    network: settings of the router, which this process is unless they have `connect`; options: returns the
+    options of `caesura serve` for an instance by its index and name; ready: called with the endpoint once all
+    are ready; silence_s: time without a heartbeat after which an instance is killed. Raises NetworkError or
+    InstanceError if one never became ready.
     """
     with _router(network, over) as endpoint, ExitStack() as stack:
         wake = threading.Event()
@@ -184,7 +188,7 @@ def _all_ready(instances: Sequence[Instance], wake: threading.Event, over: threa
 
 @contextmanager
 def beating(is_alive: Callable[[], bool]) -> Iterator[None]:
-    """Print signs of life on the standard output, while the context lasts and the instance is alive."""
+    """Print heartbeats on the standard output while the context lasts and the instance is alive."""
     over = threading.Event()
 
     def beat() -> None:
@@ -203,7 +207,9 @@ def beating(is_alive: Callable[[], bool]) -> Iterator[None]:
 
 @contextmanager
 def _router(network: NetworkSettings, over: threading.Event) -> Iterator[str]:
-    """Yield the endpoint of another router, or of the one that this process is while the context lasts."""
+    """Yield the endpoint of the configured router, or of the one that this process runs during the
+    context.
+    """
     if network.connect is not None:
         yield network.connect
         return
@@ -215,7 +221,7 @@ def _router(network: NetworkSettings, over: threading.Event) -> Iterator[str]:
 
 
 def names_of(instance: str, count: int, default: str) -> list[str]:
-    """Return instance names numbered from 1: on the given name, or on the default without its number.
+    """Return instance names numbered from 1, based on the given name, or on the default without its number.
 
     >>> names_of("west", 2, "caesura-1"), names_of("caesura-1", 2, "caesura-1")
     (['west-1', 'west-2'], ['caesura-1', 'caesura-2'])
@@ -225,12 +231,12 @@ def names_of(instance: str, count: int, default: str) -> list[str]:
 
 
 def reachable(endpoint: str) -> str:
-    """Return the endpoint at which the same machine reaches one that listens at any address.
+    """Return the endpoint by which this machine connects to a listener at any address.
 
     >>> reachable("tcp/0.0.0.0:7447"), reachable("tls/[::]:7447"), reachable("tcp/127.0.0.1:7447")
     ('tcp/127.0.0.1:7447', 'tls/localhost:7447', 'tcp/127.0.0.1:7447')
 
-    In place of brackets it has the name, because Zenoh accepts no TLS certificate for an address in brackets.
+    An IPv6 address becomes `localhost`, because Zenoh accepts no TLS certificate for an address in brackets.
     Caesura's certificates always name localhost.
     """
     return endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/localhost:")
@@ -254,7 +260,7 @@ def passed_on(context: typer.Context, but: Sequence[str]) -> list[str]:
 def credentials_of(config: Path | None, name: str) -> list[str]:
     """Return the option for the credentials of an instance; without a config it is empty.
 
-    It names the file that `caesura certs` writes beside the router's, or else the router's own.
+    The option names the file that `caesura certs` writes beside the router's, or else the router's own.
     """
     if config is None:
         return []
@@ -263,7 +269,7 @@ def credentials_of(config: Path | None, name: str) -> list[str]:
 
 
 def metrics_of(address: str | None, place: int) -> list[str]:
-    """Return the option for the metrics address of an instance, whose port counts on by its place.
+    """Return the option for the metrics address of an instance: the port plus the instance's index.
 
     >>> metrics_of("127.0.0.1:9100", 2), metrics_of("127.0.0.1:0", 2), metrics_of(None, 2)
     (['--metrics', '127.0.0.1:9102'], ['--metrics', '127.0.0.1:0'], [])

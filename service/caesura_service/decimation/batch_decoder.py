@@ -1,4 +1,4 @@
-"""Batches of the journal as runs of samples; a batch whose content was refused counts as lost."""
+"""Decodes the journal's batches into runs of samples; a batch with invalid content counts as lost."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Everything of a session in bins of twenty to fifty samples, built once and continued while it grows.
+"""The samples of a session in bins of twenty to fifty samples, built once and extended as it grows.
 
-A view whose bins are wider is made from it. For a narrower one the samples themselves are read: the overview
-has the places in the journal at which each time stands.
+A view with wider bins is made from the overview. For narrower bins the samples are read from the journal; the
+overview stores the places of the records of each time.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ HELD = Limits().held_batches  # that may come before their turn
 
 
 class PageTimes(NamedTuple):
-    """The times and places of records that were read together."""
+    """The times and places of the records of one page."""
 
     t0: float  # [s]
     tn: float  # [s]
@@ -41,7 +41,7 @@ class PageTimes(NamedTuple):
 
 
 class SessionOverview:
-    """A fold over the pages of a session's batches. One thread calls it."""
+    """A fold over the pages of a session's batches. Only one thread may call it."""
 
     def __init__(self, key: Key, extent: SessionExtent) -> None:
         self.key = key
@@ -77,7 +77,7 @@ class SessionOverview:
         return self._parts[0]
 
     def push(self, page: list[BatchRow | Lost], up_to: int) -> None:
-        """Add the next page, which ends with the place `up_to`."""
+        """Add the next page, whose last record is at the place `up_to`."""
         batches = []
         for one in page:
             if isinstance(one, Lost):
@@ -92,7 +92,7 @@ class SessionOverview:
         self.read_up_to = up_to
 
     def finish(self) -> None:
-        """Add the batches that wait for an earlier one, because no batch comes any more."""
+        """Add the batches that wait for an earlier one, at the end of the session."""
         while self._held:
             self._take(self._skip(min(self._held)))
 
@@ -127,7 +127,7 @@ class SessionOverview:
     def _index(self, page: list[BatchRow | Lost]) -> None:
         """Add the times and places of a page to `pages`.
 
-        The times of a batch lie between those of its first and last row.
+        All times of a batch are assumed to lie between those of its first and last row.
         """
         batches = [one for one in page if isinstance(one, BatchRow)]
         if not batches:
@@ -136,7 +136,7 @@ class SessionOverview:
         self.pages.append(PageTimes(min(times), max(times), batches[0].place, batches[-1].place))
 
     def as_bytes(self) -> bytes:
-        """Return the overview as bytes, to be stored beside a session that has ended."""
+        """Return the overview as bytes, to be stored with a closed session."""
         fields = {name: getattr(self, name) for name in KEPT} | {"version": VERSION}
         fields |= {"holes": [hole.model_dump() for hole in self.holes], "identity": self._identity()}
         header = np.frombuffer(json.dumps(fields).encode(), np.uint8)
@@ -146,7 +146,7 @@ class SessionOverview:
 
     @classmethod
     def restored(cls, key: Key, extent: SessionExtent, content: bytes) -> SessionOverview | None:
-        """Return the overview that `as_bytes` has made of the same copy; None for another copy or version."""
+        """Return the overview that `as_bytes` made of the same copy; None for another copy or version."""
         overview = cls(key, extent)
         try:
             with np.load(BytesIO(content), allow_pickle=False) as kept:
@@ -166,7 +166,7 @@ class SessionOverview:
         return overview
 
     def _identity(self) -> str:
-        """Return the identity of this copy of the session and its columns; it stays if the file is moved."""
+        """Return the identity of this copy of the session and its columns; moving the file keeps it."""
         return repr((self.extent.identity[1:], self.columns))
 
     def places(self, t0: float, tn: float) -> list[PageTimes]:
@@ -175,7 +175,7 @@ class SessionOverview:
 
 
 def _time(batch: BatchRow, row: int) -> float:
-    """Return the time [s] of one row of a batch; `t0` where it has no such row."""
+    """Return the time [s] of one row of a batch; `t0` if it has no such row."""
     width = len(batch.columns)
     kind, size = ("<f", 4) if len(batch.samples) == 4 * batch.n * width else ("<d", 8)
     place = row * width * size
@@ -186,6 +186,6 @@ def _time(batch: BatchRow, row: int) -> float:
 
 
 def _width(t: NDArray[np.float64]) -> float:
-    """Return the greatest round width [s] of a bin with at most SAMPLES_PER_BIN of these samples."""
+    """Return the greatest round bin width [s] with at most SAMPLES_PER_BIN of these samples per bin."""
     interval = float(np.median(np.diff(t))) if t.size > 1 else 0.001
     return WIDTHS_S[max(bisect_right(WIDTHS_S, SAMPLES_PER_BIN * interval * 1.01) - 1, 0)]

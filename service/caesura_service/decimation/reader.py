@@ -1,7 +1,7 @@
-"""Samples of sessions for plots: overviews are kept, samples are read.
+"""Samples of sessions for plots, from cached overviews or from the journal.
 
-A session is read once for its overview. Then an answer costs what it shows: bins of the overview, or at most
-MAX_BINS times its samples a bin. All of it is work of the thread that calls.
+A session is read once for its overview. Then the cost of an answer depends on its size: bins of the overview,
+or at most MAX_BINS times the samples per bin. The calling thread does all of this work.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Owned(NamedTuple):
 
 
 class SampleReader:
-    """Answers queries for samples of one service's sessions. One thread calls it."""
+    """Answers queries for samples of one service's sessions. Only one thread may call it."""
 
     def __init__(self, source: BatchSource, held_bytes: int = HELD_BYTES) -> None:
         self._source = source
@@ -59,10 +59,10 @@ class SampleReader:
     def read(
         self, owned: Owned, wanted: SampleRange, slice_s: float = float("inf")
     ) -> RecordedSamples | None:
-        """Return the samples of a session in a range, decimated; None where slice_s did not suffice.
+        """Return the samples of a session in a range, decimated; None if slice_s was too short.
 
-        The next call reads on. Columns that the session lacks are left out. Raises ProtocolError
-        `unknown_session` where the journal has none of it; JournalError.
+        The next call continues. Columns that the session lacks are left out. Raises ProtocolError
+        `unknown_session` if the journal has no batch of it; JournalError.
         """
         overview, is_complete = self._overview(owned, slice_s)
         if not is_complete:
@@ -94,7 +94,7 @@ class SampleReader:
         return self._source.find((station, session)) is not None
 
     def advance(self, owned: Owned, slice_s: float = SLICE_S) -> bool:
-        """Read a session's overview for about slice_s; returns whether it is complete. Raises as `read`."""
+        """Read a session's overview for about slice_s; return whether it is complete. Raises as `read`."""
         return self._overview(owned, slice_s)[1]
 
     def _overview(self, owned: Owned, slice_s: float) -> tuple[SessionOverview, bool]:

@@ -1,8 +1,8 @@
 """A checksum of every row, which detects flipped bits.
 
-SQLite checks the structure of a file and not what is in it: a bit that flips in a payload comes back as
-another sample, or as another correction. A row without a checksum is one of a journal before version 4, and
-is read as it is.
+SQLite checks the structure of a file and not its content: a flipped bit in a payload would be read as another
+sample or correction. A row without a checksum was written before version 4 of the journal, and is read
+without a check.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ _PACKING = Packing()
 
 
 def checksum(*values: Value) -> int:
-    """CRC-32 of the values of a row, types and boundaries included."""
+    """Return the CRC-32 of the values of a row, types and boundaries included."""
     return zlib.crc32(_PACKING.pack(values))
 
 
 def is_intact(crc: int | None, *values: Value) -> bool:
-    """Whether a row has its checksum, or none at all."""
+    """Return whether a row matches its checksum, or has none."""
     return crc is None or crc == checksum(*values)

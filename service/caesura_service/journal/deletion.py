@@ -1,7 +1,7 @@
 """Deletion of sessions: hidden at once, their records deleted in portions.
 
-An hour of a station is 180,000 records, and deleting them takes seconds. A commit waits for a write,
-and every station for the commit: so no write takes longer than a portion.
+An hour of a station is 180,000 records, and deleting them takes seconds. A commit waits for the current
+write, and all stations wait for the commit. So a write deletes at most a portion.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ DELETE_SESSION = "DELETE FROM sessions WHERE id = ?"
 
 
 def mark_deleted(database: sqlite3.Connection, key: Key) -> None:
-    """Hide a session from queries; an unknown one is no error."""
+    """Hide a session from queries; an unknown session is no error."""
     database.execute(MARK_DELETED, key)
 
 

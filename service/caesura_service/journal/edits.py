@@ -1,8 +1,8 @@
 """A recorded edit: the command and its resolved form.
 
-A replay needs the second half. The target of an edit (the changepoint nearest to 3.2 s) depends on what was
-shown when it was made. Its resolved form (no segment starts at observations 20 to 31) does not. So a replay
-collects edits without filtering in between. Only edits that were carried out are recorded.
+A replay needs the resolved form. The target of a command (the changepoint nearest to 3.2 s) depends on the
+results shown when it was made. The resolved form (no segment starts at observations 20 to 31) does not. So a
+replay collects edits without filtering in between. Only applied edits are recorded.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Resolution(Message):
 
 
 class AppliedEdit(Edit):
-    """An edit that was carried out, as it is recorded."""
+    """An applied edit in its recorded form."""
 
     resolution: Resolution | None = None  # of undo and redo: none
     version: int | None = None  # of the program that the edit made; None in journals before version 4
@@ -41,9 +41,9 @@ class AppliedEdit(Edit):
 
 
 class AppliedProgramEdit(EditProgram):
-    """An edit of the program, as it is recorded. The apps that it puts in place are in the record itself.
+    """An applied edit of the program in its recorded form. The record contains the apps that it inserts.
 
-    So the session that they were taught in may be edited, corrected or deleted later.
+    So the session in which they were taught may be edited, corrected or deleted later.
     """
 
     apps: tuple[App, ...] = ()  # of `replace_part`

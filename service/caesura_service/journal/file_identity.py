@@ -1,7 +1,7 @@
-"""The check that an open journal is still the file of its name.
+"""Checks that an open journal is still the file at its path.
 
-A file that is removed or replaced can be written for as long as it is open, and nothing of it is there
-afterwards: what is acknowledged meanwhile would be lost without a word.
+A process can write to an open file that was removed or replaced, and its content is lost at the end. So
+acknowledged records would be lost silently.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from caesura_service.journal.wal import log_of
 
 
 class JournalFileIdentity:
-    """The files of one journal, as of its opening."""
+    """Device and inode of a journal's file and log when they were opened."""
 
     def __init__(self, journal: Path) -> None:
         self._journal = journal
         self._known: dict[Path, tuple[int, int]] = {}  # device and number of the files that are there
 
     def remember(self) -> None:
-        """Take the present files for those of the journal."""
+        """Store the identity of the files that exist now."""
         for path in (self._journal, log_of(self._journal)):
             with suppress(OSError):
                 self._known[path] = _identity(path)
 
     def check(self) -> None:
-        """Raise JournalError where a file is no longer there, or is another one. Cheap to call often."""
+        """Raise JournalError if a file was removed or replaced. Cheap to call often."""
         for path, known in self._known.items():
             try:
                 is_same = _identity(path) == known

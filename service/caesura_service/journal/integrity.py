@@ -1,9 +1,8 @@
 """Sets a damaged journal file aside, so that a service starts again without an operator.
 
-Nothing is deleted. Sessions that are whole, record by record, are taken over into the new file. Where only an
-index is damaged, SQLite makes it again from the records. What else can be read of a damaged file is for
-`sqlite3 FILE .recover`. The rings of the bridges give what they still have, and the results gaps for the
-rest.
+Nothing is deleted. Sessions without a damaged record are copied into the new file. If only an index is
+damaged, SQLite rebuilds it from the records. Other content can be recovered by `sqlite3 FILE .recover`.
+Batches that the rings of the bridges still have are requested again, and the results have gaps for the rest.
 """
 
 from __future__ import annotations
@@ -27,9 +26,10 @@ CHECKED_BYTES = 1 << 30  # a larger file is not looked through at every start: t
 
 
 def integrity_error(database: sqlite3.Connection, path: Path) -> str | None:
-    """Return the damage that SQLite finds in the pages of a file; None where it is whole, or too large.
+    """Return the damage that SQLite finds in the pages of a file; None if it finds none, or the file is too
+    large.
 
-    Raises sqlite3.OperationalError or OSError where the file cannot be read now, which is no damage.
+    Raises sqlite3.OperationalError or OSError if the file cannot be read now, which is not damage.
     """
     if path.stat().st_size > CHECKED_BYTES or _found_in(database) is None:
         return None
@@ -48,7 +48,7 @@ def _found_in(database: sqlite3.Connection) -> str | None:
 
 
 def read_through(path: Path) -> None:
-    """Read a file and its log to their ends. Raises OSError where that fails; a missing file is no error."""
+    """Read a file and its log to their ends. Raises OSError if that fails; a missing file is no error."""
     for part in (path, log_of(path)):
         with suppress(FileNotFoundError), part.open("rb") as file:
             while file.read(CHUNK_BYTES):
@@ -56,7 +56,7 @@ def read_through(path: Path) -> None:
 
 
 def repair_indices(database: sqlite3.Connection, path: Path, damage: str) -> bool:
-    """Rebuild damaged indices; return False where more is damaged."""
+    """Rebuild damaged indices; return False if other content is damaged."""
     if not all(OF_INDEX.search(one) for one in damage.split("; ")):
         return False
     try:

@@ -1,13 +1,13 @@
 """The journal's interface. A record is written before it is processed, and never changed.
 
-What changes a session is recorded in the order in which it was taken: the opening, every batch that was
-news, every hole that was given up (an `evicted` error), every edit, description and edit of the program, the
-close. What came twice, and what was refused without touching the session, is not.
+Every message that changes a session is recorded, in the order of processing: the opening, every new batch,
+every gap that was declared lost (an `evicted` error), every edit, description and edit of the program, the
+close. Repeated messages, and refused ones that changed nothing, are not recorded.
 
-When a record is safe. Batches may be processed, and their results published, a little before: the bridge
-still has them, and the same batches give the same results. What no bridge can send again, or what would
-come out differently the second time, is safe before it is processed: `append(record, now=True)`. And so is
-everything before it is acknowledged: `commit`.
+When a record is on disk. Batches may be processed, and their results published, a little earlier: the bridge
+still has them, and the same batches give the same results. A message that no bridge can send again, or whose
+result would differ the second time, is on disk before it is processed: `append(record, now=True)`. Every
+record is on disk before it is acknowledged: `commit`.
 """
 
 from __future__ import annotations
@@ -38,48 +38,50 @@ class JournalError(Exception):
 
 
 class JournalFullError(JournalError):
-    """The journal's disk is full, or has no more room than the reserve for deletions."""
+    """The journal's disk is full, or only the reserve for deletions is left."""
 
 
 class JournalShareError(JournalError):
-    """The open sessions of a station have taken their share of the journal."""
+    """The open sessions of a station have used their share of the journal."""
 
     def __init__(self, why: str, taken: int, limit: int) -> None:
-        """Store the message, the bytes taken and the limit [bytes]."""
+        """Store the message, the bytes used and the limit [bytes]."""
         super().__init__(why)
         self.taken, self.limit = taken, limit
 
 
 class JournalSupersededError(JournalError):
-    """Another instance has acquired the station: this one may record nothing of it until it has again."""
+    """Another instance has acquired the station: this one must not record for it until it acquires it
+    again.
+    """
 
 
 class JournalBusyError(JournalError):
-    """Another process has the journal."""
+    """Another process has locked the journal."""
 
 
 class JournalDamagedError(JournalError):
-    """The journal's content is not what was written; the message names the session and the record."""
+    """The journal's content differs from what was written; the message names the session and the record."""
 
 
 class JournalMalformedError(JournalDamagedError):
-    """SQLite calls the file malformed, as it also calls one that could not be read just then."""
+    """SQLite reports the file as malformed, which can also be a temporary read error."""
 
 
 class JournalEmptyError(JournalError):
-    """There is no journal in the file yet: its owner is about to create it."""
+    """The file contains no journal yet: its owner is about to create it."""
 
 
 class JournalForeignError(JournalError):
-    """The file is no journal, or is one of a newer version."""
+    """The file is not a journal, or is a journal of a newer version."""
 
 
 class PeerJournalError(JournalError):
-    """The journal of another instance cannot be read just now: what it has recorded is unknown."""
+    """The journal of another instance cannot be read now: its records are unknown."""
 
 
 class Record(NamedTuple):
-    """A message that changed a session, with the time at which it came."""
+    """A message that changed a session, with the time of its arrival."""
 
     station: str
     session: str
@@ -88,7 +90,7 @@ class Record(NamedTuple):
 
 
 class EncodedBatch(NamedTuple):
-    """A batch with its payload, which is as `encode` makes it."""
+    """A batch with its payload as `encode` returns it."""
 
     epoch: int
     seq: int
@@ -97,7 +99,7 @@ class EncodedBatch(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The results of a closed session, which answer its queries without a replay."""
+    """The results of a closed session, from which its queries are answered without a replay."""
 
     opening: Open  # the last one
     last_seq: int  # of its batches; -1 without one
@@ -124,7 +126,7 @@ class Copy(NamedTuple):
 
     @property
     def progress(self) -> tuple[bool, int, int, int, int]:
-        """A key that is greater for the copy that is further along."""
+        """A sort key that is greater for the copy with more records."""
         return self.closed, self.last_seq, self.edits, self.described, self.size
 
 
@@ -141,8 +143,8 @@ class Journal(Protocol):
     def append(self, record: Record, *, now: bool = False) -> None:
         """Append a record; it is on disk soon, or on return with `now`.
 
-        Raises JournalError, and has not appended it then; JournalShareError at the share of the station's
-        open sessions, which a close always passes.
+        Raises JournalError, and then appends nothing; JournalShareError if the station's open sessions have
+        used their share, which does not limit a close.
         """
 
     def append_batch(self, station: str, session: str, at: float, batch: EncodedBatch) -> None:
@@ -163,7 +165,7 @@ class Journal(Protocol):
     def edit_at(
         self, station: str, session: str, kind: type[Edit] | type[EditProgram], revision: int
     ) -> Edit | EditProgram | None:
-        """Return the edit of a session, or of its program, that so many came before; None without one.
+        """Return the edit of a session, or of its program, after `revision` earlier ones; None without one.
 
         Raises JournalError.
         """
@@ -187,19 +189,19 @@ class Journal(Protocol):
         """Store the outcome of a closed session; one without an outcome is replayed."""
 
     def outcome(self, station: str, session: str) -> Outcome | None:
-        """Return the outcome of a session; None where there is none or it is unreadable.
+        """Return the outcome of a session; None if there is none or it is unreadable.
 
-        Any thread may call it, as `outcomes`; neither waits for a write.
+        Any thread may call this method and `outcomes`; neither waits for a write.
         """
 
     def outcomes(self) -> tuple[StoredOutcome, ...]:
         """Return the sessions with an outcome, the newest first."""
 
     def release(self, station: str, session: str) -> None:
-        """Release a closed session: from now on the journal decides whether it is kept."""
+        """Release a closed session from memory: retention may delete it from now on."""
 
     def check_readable(self) -> None:
-        """Read everything once. Raises JournalError where the disk refuses that."""
+        """Read everything once. Raises JournalError if the disk refuses that."""
 
     def quarantine(self, station: str, session: str, why: str) -> str:
         """Rename a damaged session to free its name; return the new one. Raises JournalError."""

@@ -1,4 +1,4 @@
-"""A journal in memory, which ends with the process."""
+"""A journal in memory, which is lost when the process ends."""
 
 from __future__ import annotations
 
@@ -32,9 +32,10 @@ _OVERHEAD_BYTES = 1000  # of a record beside its content
 
 
 class MemoryJournal:
-    """Records in lists, one a session. Over its capacity the station with most loses its oldest session.
+    """Records in lists, one per session. At capacity the station with the most bytes loses its oldest
+    session.
 
-    Where that is the one in hand, it gets no further batches and changes; it can still be closed.
+    If that is the session being recorded, it gets no further batches and changes; it can still be closed.
     """
 
     def __init__(self, capacity_bytes: int = CAPACITY_BYTES) -> None:
@@ -47,8 +48,8 @@ class MemoryJournal:
     def append(self, record: Record, *, now: bool = False) -> None:
         """Append a record, and make room for it; its own session is never deleted.
 
-        Raises JournalShareError where there is no room; a close always passes, and what a session may need
-        to end passes for ENDING_BYTES more.
+        Raises JournalShareError without room. A close is always accepted, and other records that a session
+        may need to end are accepted for ENDING_BYTES more.
         """
         key, size = (record.station, record.session), _size(record)
         if not isinstance(record.message, Close):
@@ -62,7 +63,7 @@ class MemoryJournal:
         self.append(Record(station, session, at, message))
 
     def _make_room(self, key: Key, size: int, spare: int) -> None:
-        """Delete sessions until a record fits. spare: [bytes] more that it may take."""
+        """Delete sessions until a record fits. spare: additional bytes that it may use."""
         while (total := (sizes := self._station_sizes(key, size)).total()) > self.capacity_bytes:
             most = max(sizes, key=sizes.__getitem__)
             oldest = next((known for known in self._sizes if known[0] == most and known != key), None)
@@ -101,7 +102,9 @@ class MemoryJournal:
     def edit_at(
         self, station: str, session: str, kind: type[Edit] | type[EditProgram], revision: int
     ) -> Edit | EditProgram | None:
-        """Return the edit of a session, or of its program, that so many came before; None without one."""
+        """Return the edit of a session, or of its program, after `revision` earlier ones; None without
+        one.
+        """
         messages = (record.message for record in self._records.get((station, session), ()))
         made = (message for message in messages if isinstance(message, kind))
         return next(islice(made, revision, None), None)
@@ -147,12 +150,12 @@ class MemoryJournal:
         """Return at once: memory is readable."""
 
     def quarantine(self, station: str, session: str, why: str) -> str:
-        """Delete a damaged session: memory keeps none."""
+        """Delete a damaged session: a journal in memory keeps none."""
         self.delete(station, session)
         return session
 
     def release(self, station: str, session: str) -> None:
-        """Delete a released session: memory is for sessions in use."""
+        """Delete a released session: a journal in memory keeps only sessions in use."""
         self.delete(station, session)
 
     def enforce_retention(self, now: float) -> Mapping[Key, str]:
@@ -180,7 +183,7 @@ class MemoryJournal:
 
 
 def _is_closed(records: list[Record]) -> bool:
-    """Whether there is a close among the records, searched from the end."""
+    """Return whether there is a close among the records, searched from the end."""
     return any(isinstance(record.message, Close) for record in reversed(records))
 
 

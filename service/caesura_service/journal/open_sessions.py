@@ -1,11 +1,11 @@
-"""The bytes of open sessions, and the share of the journal that those of one station may take.
+"""The bytes of open sessions, and the share of the journal that one station's open sessions may use.
 
-Retention never deletes an open session. So a station's open sessions take at most half of what the open
-sessions of other stations leave: all of them together stay below the journal's size. Where the journal is
-past its size and retention has nothing more to delete, they take no more than the station's part.
+Retention never deletes an open session. So a station's open sessions use at most half of what the open
+sessions of other stations leave, and all of them together stay below the journal's size. If the journal is
+over its size and retention has nothing to delete, they use no more than the station's part.
 
-Batches count, and so does every other record. A close always passes. A resumed opening and a declared loss,
-which a session may need to end, pass for ENDING_BYTES more.
+Batches and all other records count. A close is always accepted. A resumed opening and a declared loss, which
+a session may need to end, are accepted for ENDING_BYTES more.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _ENDING_ENCODINGS = frozenset(map(encoding_of, ENDING))
 
 
 class OpenSessions:
-    """The sizes of the open sessions of a journal, on disk and waiting. The caller locks it."""
+    """The sizes of the open sessions of a journal, on disk and queued. The caller holds the lock."""
 
     def __init__(self) -> None:
         self._sizes: dict[Key, int] = {}  # [bytes]
@@ -36,9 +36,9 @@ class OpenSessions:
         self._part: int | None = None  # [bytes]
 
     def renew(self, sizes: Mapping[Key, int], waiting: Iterable[RecordRow], part: int | None) -> None:
-        """Replace the sizes by those on disk, and add the rows that wait.
+        """Replace the sizes by those on disk, and add the queued rows.
 
-        part: what a station may take of a journal that is too large without a session to delete, else None.
+        part: the limit of a station if the journal is too large and no session can be deleted, else None.
         """
         self._sizes, self._of_station, self._total, self._part = {}, Counter(), 0, part
         for key, size in sizes.items():
@@ -57,15 +57,15 @@ class OpenSessions:
             self._add(row.key, -row.size)
 
     def close(self, key: Key) -> None:
-        """Forget a session that is closed or deleted; an unknown one is no error."""
+        """Remove a session that is closed or deleted; an unknown one is no error."""
         size = self._sizes.pop(key, 0)
         self._of_station[key[0]] -= size
         self._total -= size
 
     def check(self, row: RecordRow, size_bytes: int, path: Path) -> None:
-        """Raise JournalShareError where the open sessions of the row's station have taken their share.
+        """Raise JournalShareError if the open sessions of the row's station have used their share.
 
-        size_bytes: of the journal at most.
+        size_bytes: greatest size of the journal.
         """
         if row.encoding == CLOSE or not self._counts(row):
             return
@@ -84,7 +84,7 @@ class OpenSessions:
             raise JournalShareError(why, taken, limit)
 
     def _counts(self, row: RecordRow) -> bool:
-        """Whether a row is of an open session: a closed one gets no batch, opening or loss."""
+        """Return whether a row belongs to an open session: a closed one gets no batch, opening or loss."""
         return row.seq is not None or row.encoding in _ENDING_ENCODINGS or row.key in self._sizes
 
     def _add(self, key: Key, size: int) -> None:

@@ -1,11 +1,11 @@
-"""The journals of other instances in the same directory, read as they are on disk.
+"""Reads the journals of other instances in the same directory.
 
-They are read while their owners run, hang or are dead, and nothing is written to them. One that is damaged
-or of another version counts as not there, with one line in the log. One that the system does not let us read
-(locked, no permission, a disk that fails) is an error for UNREADABLE_S: it may have corrections that were
-acknowledged. After that it counts as not there, so that one file cannot keep every station from being served.
-Where the directory cannot be listed, which sessions there are is unknown: that is an error. Only instances on
-one machine may share a directory: SQLite's log does not work over a network file system.
+They are read while their owners run, hang or are dead, and are never written. A journal that is damaged or of
+another version counts as absent, and is logged once. A journal that the system does not allow to be read
+(locked, no permission, a failing disk) is an error for UNREADABLE_S: it may contain acknowledged corrections.
+After that it counts as absent, so that one file cannot keep all stations from being served. If the directory
+cannot be listed, the existing sessions are unknown, which is an error. Only instances on one machine may
+share a directory: SQLite's log does not work over a network file system.
 """
 
 from __future__ import annotations
@@ -73,8 +73,8 @@ class PeerCopy(NamedTuple):
 class PeerJournals:
     """Every journal in the directory of `own` except that one; none if `own` is None.
 
-    All that looks for journals raises JournalError where the directory cannot be listed, and PeerJournalError
-    while one cannot be read.
+    Every method that looks for journals raises JournalError if the directory cannot be listed, and
+    PeerJournalError while a journal cannot be read.
     """
 
     def __init__(self, own: Path | None, clock: Callable[[], float] = time.monotonic) -> None:
@@ -85,7 +85,7 @@ class PeerJournals:
 
     @property
     def is_complete(self) -> bool:
-        """Whether every journal could be read when it was last asked, of those that are there."""
+        """Whether every existing journal could be read at the last access."""
         return all(map(_is_gone, tuple(self._unreadable)))
 
     def copies(self, station: str | None = None, session: str | None = None) -> list[PeerCopy]:
@@ -120,17 +120,17 @@ class PeerJournals:
         return highest
 
     def last_opened(self, station: str) -> float | None:
-        """Return when the last session of a station was opened [s], by the peers; None without one."""
+        """Return the time [s] at which a peer last opened a session of a station; None without one."""
         asked = (self._query(path, lambda kept: last_opened_in(kept, station)) for path in self._paths())
         return max((opened for opened in asked if opened is not None), default=None)
 
     def outcome(self, found: PeerCopy) -> Outcome | None:
-        """Return the outcome of a session; None where there is none or it is unreadable."""
+        """Return the outcome of a session; None if there is none or it is unreadable."""
         row = self._query(found.path, lambda kept: kept.execute(SELECT_OUTCOME, found.copy.key).fetchone())
         return outcome_of(found.copy.key, *row) if row else None
 
     def edits(self, found: PeerCopy) -> tuple[AppliedEdit, ...]:
-        """Return the edits of a copy, oldest first; none where they cannot be read."""
+        """Return the edits of a copy, oldest first; none if they cannot be read."""
         try:
             rows = self._query(found.path, lambda kept: kept.execute(SELECT_EDITS, found.copy.key).fetchall())
             return edits_of(found.copy.key, rows or ())
@@ -141,7 +141,7 @@ class PeerJournals:
     def records(self, found: PeerCopy, first_seq: int = 0) -> Iterator[Record]:
         """Return a copy's records without batches before `first_seq`, with those appended meanwhile.
 
-        Ends early where the journal is damaged.
+        Ends early if the journal is damaged.
         """
         wanted = {"station": found.copy.station, "session": found.copy.session, "first_seq": first_seq}
         place = -1
@@ -171,7 +171,9 @@ class PeerJournals:
         return answer
 
     def _pass_over(self, path: Path, error: JournalError) -> None:
-        """Log that a journal counts as not there. Raises PeerJournalError where that is not yet so."""
+        """Log that a journal counts as absent. Raises PeerJournalError if it is unreadable for less than
+        UNREADABLE_S.
+        """
         self._warn_once(error)
         if isinstance(error, IN_ITS_CONTENT) or _is_gone(path):
             self._unreadable.pop(path, None)
@@ -181,7 +183,9 @@ class PeerJournals:
             raise PeerJournalError(str(error)) from error
 
     def _warn_once(self, error: Exception) -> None:
-        """Log each error once: the journals are polled. One that its owner is about to create is no error."""
+        """Log each error once: the journals are polled. A journal that its owner is about to create is no
+        error.
+        """
         if not isinstance(error, JournalEmptyError) and str(error) not in self._warned:
             logger.warning("passed over: %s", error)
             if len(self._warned) >= WARNED:
@@ -190,9 +194,9 @@ class PeerJournals:
 
 
 def journals_in(directory: Path) -> list[Path]:
-    """Return the journals in a directory; none where it is not there. Raises JournalError.
+    """Return the journals in a directory; none if the directory does not exist. Raises JournalError.
 
-    `Path.glob` passes over a directory that this user may not list, as if it were empty.
+    `Path.glob` would treat a directory that this user may not list as empty.
     """
     try:
         return sorted(directory / name for name in os.listdir(directory) if name.endswith(SUFFIX))

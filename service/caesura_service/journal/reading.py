@@ -1,7 +1,7 @@
-"""Batches of a session as the journal has them, read beside the service's work.
+"""Reads the batches of a session from the journal, concurrently with the service's work.
 
-Files are read on connections of their own, which write nothing and wait for no lock of the journal's. What is
-written within the next `commit_s` is not yet there.
+Files are read on separate connections, which write nothing and do not wait for the journal's lock. Records of
+the last `commit_s` may not be on disk yet.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _BATCH, _ERROR = encoding_of(SampleBatch), encoding_of(Error)
 
 
 class BatchRow(NamedTuple):
-    """A batch, not validated again."""
+    """A recorded batch, which is not validated again."""
 
     place: int  # its record's, ascending in the order of recording
     seq: int
@@ -37,7 +37,7 @@ class BatchRow(NamedTuple):
 
 
 class Lost(NamedTuple):
-    """Batches before number `seq` that have not been recorded never will be."""
+    """A record that the missing batches before number `seq` will never be recorded."""
 
     seq: int
 
@@ -54,7 +54,7 @@ class BatchSource(Protocol):
     """A source of recorded batches; any thread may read."""
 
     def find(self, key: Key) -> SessionExtent | None:
-        """Return the copy of a session that is furthest along; None without one. Raises JournalError."""
+        """Return the copy of a session with the most records; None without one. Raises JournalError."""
 
     def pages(
         self, key: Key, extent: SessionExtent, beyond: int, last: int
@@ -62,20 +62,24 @@ class BatchSource(Protocol):
         """Yield a copy's batches after place `beyond`, up to `last`. Raises JournalError or ProtocolError."""
 
     def overview(self, extent: SessionExtent) -> bytes | None:
-        """Return the stored overview of a copy, whole and as it was written; None without one."""
+        """Return the stored overview of a copy, complete and undamaged; None without one."""
 
     def keep_overview(self, key: Key, extent: SessionExtent, content: bytes) -> None:
-        """Store the overview of a copy, where that is possible. Raises JournalError."""
+        """Store the overview of a copy, if this source can. Raises JournalError."""
 
 
 class FileBatches:
-    """Batches from every journal in a directory. own: the one that is written here, which keeps overviews."""
+    """Batches from every journal in a directory. own: this instance's journal, which also stores
+    overviews.
+    """
 
     def __init__(self, directory: Path, own: SqliteJournal | None = None) -> None:
         self._directory, self._own = directory, own
 
     def find(self, key: Key) -> SessionExtent | None:
-        """Return the furthest copy in any journal. Without one, an unreadable journal raises JournalError."""
+        """Return the copy with the most records in any journal. Without one, an unreadable journal raises
+        JournalError.
+        """
         found, failure = [], None
         for path in journals_in(self._directory):
             try:
@@ -143,7 +147,7 @@ class JournalBatches:
         self._journal = journal
 
     def find(self, key: Key) -> SessionExtent | None:
-        """Return the extent of the session in this journal; None where it has no opening there."""
+        """Return the extent of the session in this journal; None if it has no opening there."""
         records = list(self._journal.replay(*key))
         if not records or not isinstance(records[0].message, Open):
             return None
@@ -175,7 +179,9 @@ class JournalBatches:
 
 
 def _read(place: int, encoding: str, payload: bytes) -> Iterator[BatchRow | Lost]:
-    """Yield the batch of a record, not validated again, or the loss that it records; else nothing."""
+    """Yield the batch of a record, not validated again, or the loss that it records; nothing for other
+    records.
+    """
     if encoding == _BATCH:
         fields = msgpack.unpackb(payload, use_list=False)
         try:

@@ -1,10 +1,10 @@
-"""Room on the journal's disk that is kept for deletions, which a full disk leaves none for.
+"""Reserves space on the journal's disk, so that deletions are possible on a full disk.
 
-A deletion is written to SQLite's log before it frees a page of the file. On a disk without a byte of room
-it fails as every other write does, and what an operator deletes makes no room. So a file beside the journal
-keeps some, and is removed where a deletion finds the disk full. It is made again once there is room for many.
-Where there is none, the journal grows into the last SIZE of the disk for deletions alone.
-To open a journal takes some room too, for SQLite's index of its log: a small part of the same file.
+A deletion is written to SQLite's log before it frees a page of the file. On a full disk it would fail like
+any other write, and an operator could free no space. So a file beside the journal reserves space, and is
+removed when a deletion finds the disk full. It is created again once there is enough space. Without the file,
+the last SIZE bytes of the disk are used for deletions alone. Opening a journal needs space too, for SQLite's
+index of its log: a small part of the same file.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ LOOK_S = 10.0  # between two looks whether there is room for one
 
 
 class Reserve:
-    """The file that keeps room for the deletions of one journal."""
+    """The file that reserves space for the deletions of one journal."""
 
     def __init__(self, journal: Path) -> None:
         self._path = journal.with_name(journal.name + SUFFIX)
@@ -41,9 +41,10 @@ class Reserve:
         self._is_filled = False  # has what lacked blocks been given them? Some disks compress
 
     def keep(self) -> None:
-        """Make the file where it is missing or lacks room, and the disk has enough. Cheap to call often.
+        """Create or extend the file if it is missing or too small, and the disk has enough space. Cheap to
+        call often.
 
-        It lacks room where it was lent from, its maker was killed, or it was copied without its zeros.
+        It is too small after `lend`, after its creator was killed, or after it was copied as a sparse file.
         """
         if time.monotonic() < self._looks_at:
             return
@@ -58,7 +59,7 @@ class Reserve:
             self._say(error)
 
     def release(self, error: JournalError) -> bool:
-        """Return whether this is the error of a full disk that had a reserve, which is given back."""
+        """Return whether the error is that of a full disk and a reserve existed, which is then removed."""
         if not isinstance(error, JournalFullError):
             return False
         try:
@@ -69,14 +70,14 @@ class Reserve:
         return True
 
     def is_spent(self) -> bool:
-        """Return whether there is none, and no more room on the disk than one takes."""
+        """Return whether there is no reserve, and the disk has no more space than one needs."""
         try:
             return shutil.disk_usage(self._path.parent).free < SIZE and not self._path.exists()
         except OSError:
             return False
 
     def lend(self, error: JournalError) -> bool:
-        """Return whether this is the error of a full disk, for which the end of a reserve is given back."""
+        """Return whether the error is that of a full disk and the end of a reserve was freed."""
         if not isinstance(error, JournalFullError):
             return False
         try:
@@ -97,7 +98,7 @@ class Reserve:
 
     @contextmanager
     def _opened(self, flags: int) -> Iterator[int]:
-        """Open the file. Raises OSError for anything but a file of this journal's own, such as a link."""
+        """Open the file. Raises OSError for anything but a regular file of this journal, such as a link."""
         descriptor = os.open(self._path, flags | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600)
         try:
             found = os.fstat(descriptor)

@@ -1,13 +1,13 @@
 """Retention: which closed sessions are deleted, by age, size and number.
 
-Age counts in time of use: a pause without any record counts as PAUSE_S at most. So a clock that is years
-ahead, a restored copy, or a service that stood still costs no session its time.
+Age counts time of use: a pause without records counts as at most PAUSE_S. So no session expires early because
+a clock was years ahead, a copy was restored, or the service did not run.
 
 Stations share its size fairly. A station's part is the size to which the largest stations have to shrink so
-that all of them fit. Past the size, the largest station over its part loses its oldest closed sessions; one
-within its part loses nothing to another. Open sessions are never dropped for their size: `open_sessions`
-bounds them. The number of sessions of a station is bounded too, because a look for what has to go takes a
-time for each.
+that all of them fit. Past the size, the largest station over its part loses its oldest closed sessions; a
+station within its part loses nothing. Open sessions are never deleted for their size: `open_sessions` bounds
+them. The number of sessions of a station is bounded too, because the search for sessions to delete takes time
+for each.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ PAUSE_S = 7 * DAY_S
 
 @dataclass(frozen=True)
 class JournalSettings:
-    """The delay of writing records, and the limits of what the journal keeps. Raises ValueError below 0."""
+    """The delay of writing records, and the limits of the journal's content. Raises ValueError below 0."""
 
     commit_s: float = 0.05  # 0: each is written at once
     waiting_bytes: int = 1 << 26  # that wait to be written; past that, appends are refused
@@ -49,7 +49,7 @@ class StationUsage(NamedTuple):
 
 
 class Excess(NamedTuple):
-    """Closed sessions of a station that have to go, the oldest first, and why."""
+    """Closed sessions of a station that must be deleted, the oldest first, and the reason."""
 
     station: str
     size: int  # [bytes] in all, or 0
@@ -58,9 +58,9 @@ class Excess(NamedTuple):
 
 
 def expiry(touched: Iterable[float], now: float, age_s: float) -> float:
-    """Return the time of day before which sessions are too old [s]; -inf where none is.
+    """Return the time of day [s] before which sessions are too old; -inf if none is.
 
-    touched: [s] when records were written, the newest first, at least one in each PAUSE_S of use.
+    touched: times [s] at which records were written, the newest first, at least one in each PAUSE_S of use.
     """
     age = 0.0
     for earlier in touched:
@@ -72,9 +72,9 @@ def expiry(touched: Iterable[float], now: float, age_s: float) -> float:
 
 
 def excess(usages: Sequence[StationUsage], settings: JournalSettings) -> Excess | None:
-    """Return what to delete next: of a station with too many sessions, or of the largest over its part.
+    """Return the sessions to delete next: of a station with too many, or of the largest one over its part.
 
-    Of the largest no more than brings it to the size of the next one, or to its part.
+    The largest station is reduced to the size of the next one, or to its part.
     """
     many = max(usages, key=lambda one: one.sessions, default=None)
     if many is not None and many.closed and many.sessions > settings.sessions:
@@ -95,7 +95,7 @@ def excess(usages: Sequence[StationUsage], settings: JournalSettings) -> Excess 
 
 
 def part_of(usages: Sequence[StationUsage], settings: JournalSettings) -> int | None:
-    """Return the part of a station [bytes]: if none took more, all would fit. None where they do."""
+    """Return the part of a station [bytes], the size to which the largest must shrink; None if all fit."""
     left = settings.size_bytes
     sizes = sorted(one.size for one in usages)
     for number, size in enumerate(sizes):
@@ -107,5 +107,5 @@ def part_of(usages: Sequence[StationUsage], settings: JournalSettings) -> int | 
 
 
 def open_part(usages: Sequence[StationUsage], settings: JournalSettings) -> int | None:
-    """Return the part of a station where the journal is too large and no session is to be deleted."""
+    """Return the part of a station if the journal is too large and no session can be deleted."""
     return None if excess(usages, settings) else part_of(usages, settings)

@@ -1,4 +1,4 @@
-"""Rows of records inserted many at a time, with the sums that the table of sessions keeps of them."""
+"""Inserts rows of records, many at a time, and updates the sums in the table of sessions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ COMMIT_PART = 1 << 20  # [bytes] of records in one transaction: as much room, an
 
 
 def portions(rows: Sequence[RecordRow]) -> Iterator[Sequence[RecordRow]]:
-    """Split rows, in order, where they take COMMIT_PART; yield at least one portion, empty without rows."""
+    """Split rows, in order, into portions of COMMIT_PART; yield at least one portion, empty without rows."""
     first, size = 0, 0
     for place, row in enumerate(rows):
         if size >= COMMIT_PART:
@@ -30,7 +30,7 @@ def portions(rows: Sequence[RecordRow]) -> Iterator[Sequence[RecordRow]]:
 
 
 def write_rows(database: sqlite3.Connection, rows: Sequence[RecordRow]) -> None:
-    """Insert rows, in a transaction of the caller; one that is there already is skipped and counts once."""
+    """Insert rows in the caller's transaction; an existing row is skipped and counts once."""
     opened: dict[Key, float] = {}
     for row in rows:
         opened.setdefault(row[:2], row.at)

@@ -55,7 +55,7 @@ _RECORDABLE: tuple[type[Recordable], ...] = (
 
 
 class RecordRow(NamedTuple):
-    """A record, ready to be written."""
+    """A record in the form of a database row."""
 
     station: str
     session: str
@@ -68,7 +68,7 @@ class RecordRow(NamedTuple):
 
     @property
     def key(self) -> tuple[str, str]:
-        """Station and session."""
+        """The key (station, session)."""
         return self.station, self.session
 
     @property
@@ -78,7 +78,7 @@ class RecordRow(NamedTuple):
 
 
 def row_of(record: Record) -> RecordRow:
-    """Encode a record as a row. Raises ProtocolError where it is too large."""
+    """Encode a record as a row. Raises ProtocolError if it is too large."""
     message = record.message
     epoch, seq = (message.epoch, message.seq) if isinstance(message, SampleBatch) else (None, None)
     payload, encoding = encode(message)
@@ -87,7 +87,7 @@ def row_of(record: Record) -> RecordRow:
 
 
 def batch_row(station: str, session: str, at: float, batch: EncodedBatch) -> RecordRow:
-    """Return the row that `row_of` makes of the batch."""
+    """Return the row of a batch, equal to that of `row_of`."""
     encoding = encoding_of(SampleBatch)
     crc = checksum(batch.epoch, batch.seq, at, encoding, batch.payload)
     return RecordRow(station, session, batch.epoch, batch.seq, at, encoding, batch.payload, crc)
@@ -121,7 +121,7 @@ def verify(key: Key, row: Stored) -> Stored:
 
 
 def record_of(key: Key, row: Stored) -> Record:
-    """Decode a row. Raises ProtocolError where it cannot be read."""
+    """Decode a row. Raises ProtocolError if it cannot be read."""
     return Record(*key, row.at, decode(row.payload, row.encoding, *_RECORDABLE))
 
 
@@ -147,19 +147,19 @@ class SessionRow(NamedTuple):
 
     @property
     def key(self) -> Key:
-        """Station and session."""
+        """The key (station, session)."""
         return self.station, self.session
 
     @property
     def is_intact(self) -> bool:
-        """Whether the row has its checksum."""
+        """Whether the row matches its checksum."""
         return is_intact(self.crc, *self[:8])
 
 
 def pages_of(database: sqlite3.Connection, session: SessionRow, last: int) -> Iterator[list[Stored]]:
     """Return a session's rows up to the place `last`, a page at a time.
 
-    Raises JournalDamagedError at a row that is not as it was written, and at the end where some are missing.
+    Raises JournalDamagedError at a damaged row, and at the end if rows are missing.
     """
     place, count = -1, 0
     while rows := database.execute(SELECT_PAGE, (session.id, place, last, PAGE)).fetchall():
@@ -177,7 +177,7 @@ def pages_of(database: sqlite3.Connection, session: SessionRow, last: int) -> It
 def outcome_of(
     key: Key, _session_id: int, opening: bytes, last_seq: int, snapshot: bytes, crc: int | None = None
 ) -> Outcome | None:
-    """Decode an outcome; None where it is damaged or of an older form."""
+    """Decode an outcome; None if it is damaged or in an older format."""
     if not is_intact(crc, *key, opening, last_seq, snapshot):
         logger.warning("the outcome of %s is damaged: the session is rebuilt from its records", "/".join(key))
         return None
@@ -217,7 +217,9 @@ def epoch_in(database: sqlite3.Connection, station: str) -> int:
 
 
 def last_opened_in(database: sqlite3.Connection, station: str) -> float | None:
-    """Return when the last session of a station was opened [s], by a journal; None without one."""
+    """Return the time [s] at which the last session of a station was opened, by a journal; None without
+    one.
+    """
     (opened,) = database.execute(SELECT_LAST_OPENED, (station,)).fetchone()
     return None if opened is None else float(opened)
 

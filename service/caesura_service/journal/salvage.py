@@ -1,4 +1,4 @@
-"""The recovery of a damaged journal: its undamaged sessions are copied, each wholly or not at all."""
+"""Recovers a damaged journal: copies its undamaged sessions, each completely or not at all."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MAX_PLACE = (1 << 63) - 1
 def copy_intact_sessions(damaged: sqlite3.Connection, path: Path, database: sqlite3.Connection) -> None:
     """Copy the undamaged sessions of another database, and the epochs of its stations.
 
-    path: of the damaged one. Logs each session that is not kept. Raises JournalError where none can be read.
+    path: of the damaged file. Logs each session that is not copied. Raises JournalError if none can be read.
     """
     with map_sqlite_errors(path):
         for station in stations_in(damaged):

@@ -1,9 +1,9 @@
-"""The schema of a journal file, and how a file is opened.
+"""The schema of a journal file, and the functions that open it.
 
-One row a record; a batch is found by session, epoch and number, so that writing it twice writes it once.
-Payloads are the codec's own bytes. `application_id` marks a journal among databases, `user_version`
-states the version of its schema. Every row has a checksum of its values (`checksums.py`), and a session
-the number of its records.
+Each record is one row. A batch is identified by session, epoch and number, so writing it twice stores it
+once. Payloads are the codec's bytes. `application_id` marks a journal among databases, `user_version` states
+the version of its schema. Every row has a checksum of its values (`checksums.py`), and a session row has the
+number of its records.
 """
 
 from __future__ import annotations
@@ -218,11 +218,11 @@ INSERT_EPOCH = "INSERT OR REPLACE INTO stations (station, epoch, crc) VALUES (?,
 
 
 def select_copies(names: int, indexes: Collection[str]) -> str:
-    """Return the query for all sessions, a station's, or one: by how many names of the key are given.
+    """Return the query for all sessions, a station's, or one, by the number of given names of the key.
 
-    indexes: that the journal has; one of an older version lacks those over what it cannot hold.
+    indexes: those of the journal; an older version lacks the newer ones.
 
-    Each form is found by the index over both names: what it costs does not grow with the other sessions.
+    Each query uses the index over both names, so its cost does not grow with the number of other sessions.
     """
     described = " + ".join(count for index, count in _COUNTS_OF.items() if index in indexes) or "0"
     return _SELECT_COPIES.format(which=_WHICH[names], described=described)
@@ -230,7 +230,9 @@ def select_copies(names: int, indexes: Collection[str]) -> str:
 
 @cache
 def insert_sessions(count: int) -> str:
-    """Return the statement for `count` rows at once: each statement waits for the interpreter lock."""
+    """Return the statement that inserts `count` rows at once: each statement waits for the interpreter
+    lock.
+    """
     return f"""
 INSERT INTO sessions (station, session, opened, touched, record_count)
 VALUES {", ".join(["(?, ?, ?, ?, 0)"] * count)}
@@ -239,7 +241,7 @@ ON CONFLICT (station, session) DO NOTHING"""
 
 @cache
 def insert_records(count: int) -> str:
-    """Return the statement for `count` rows at once."""
+    """Return the statement that inserts `count` rows at once."""
     row = "((SELECT id FROM sessions WHERE station = ? AND session = ?), ?, ?, ?, ?, ?, ?)"
     return f"""
 INSERT INTO records (session_id, epoch, seq, at, encoding, payload, crc) VALUES {", ".join([row] * count)}
@@ -277,7 +279,7 @@ UNEXPLAINED = frozenset({"SQLITE_CANTOPEN", "SQLITE_READONLY", "SQLITE_IOERR"})
 
 @contextmanager
 def map_sqlite_errors(path: Path) -> Iterator[None]:
-    """Raise errors of SQLite as a JournalError that names the file and the remedy."""
+    """Raise SQLite's errors as a JournalError that names the file and the remedy."""
     try:
         yield
     except (sqlite3.Error, OSError, UnicodeDecodeError) as error:  # the last: a message about damage, damaged
@@ -298,14 +300,14 @@ def map_sqlite_errors(path: Path) -> Iterator[None]:
 
 
 def _name_of(error: OSError) -> str:
-    """Return what SQLite would call an error of the system."""
+    """Return SQLite's name for an error of the operating system."""
     if error.errno in TOO_MANY_FILES:
         return "TOO_MANY_FILES"
     return "SQLITE_PERM" if isinstance(error, PermissionError) else "SQLITE_IOERR"
 
 
 def _lack_of_room(path: Path) -> str | None:
-    """Return why the disk takes no more, if so: SQLite has no name of its own for a full quota."""
+    """Return why the disk takes no more, if so: SQLite has no name for an exhausted quota."""
     try:
         with tempfile.TemporaryFile(dir=path.parent, buffering=0) as probe:
             probe.write(bytes(PROBE))
@@ -316,7 +318,9 @@ def _lack_of_room(path: Path) -> str | None:
 
 
 def _remedy_of_disk(path: Path, name: str) -> str | None:
-    """Return what the disk of a file says where SQLite says only that it cannot open or write it."""
+    """Return the remedy from the disk's own error if SQLite only reports that it cannot open or write the
+    file.
+    """
     if name not in UNEXPLAINED:
         return None
     try:
@@ -336,7 +340,9 @@ def _remedy_of_disk(path: Path, name: str) -> str | None:
 
 
 def _remedy_of_neighbour(path: Path, name: str) -> str | None:
-    """Return which file beside a journal is another user's, such as root's, if so."""
+    """Return a remedy that names a file beside the journal with another owner, such as root; None without
+    one.
+    """
     for beside in (*files_beside(path), _lock_of(path)) if name in UNEXPLAINED else ():
         with suppress(OSError):  # a disk that fails allows nothing, and is no matter of users
             if beside.stat().st_uid != os.geteuid() and not os.access(beside, os.R_OK | os.W_OK):
@@ -346,7 +352,7 @@ def _remedy_of_neighbour(path: Path, name: str) -> str | None:
 
 
 def again(error: JournalError) -> JournalError:
-    """Return an error to raise once more: one object would keep every frame that it ever passed."""
+    """Return a copy of an error to raise again: one object would keep every frame that it passed."""
     once_more = type(error)(*error.args)
     once_more.__cause__ = error.__cause__
     return once_more
@@ -365,19 +371,19 @@ def transaction(database: sqlite3.Connection) -> Iterator[None]:
 
 
 def touch(database: sqlite3.Connection) -> None:
-    """Write a page that stays as it is: an empty transaction succeeds on a full disk."""
+    """Write a page without changing it: an empty transaction would succeed on a full disk."""
     database.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
 
 
 def free_bytes(database: sqlite3.Connection) -> int:
-    """Return the bytes in the file that deletions have freed and no record has used since."""
+    """Return the size [bytes] of pages in the file that deletions have freed and that are unused since."""
     return _number(database, "freelist_count") * _number(database, "page_size")
 
 
 def open_database(path: Path, busy_s: float = BUSY_S) -> sqlite3.Connection:
     """Open the database of a journal, or create it. Raises JournalError.
 
-    busy_s: how long it waits for another process that writes.
+    busy_s: how long to wait for another process that writes.
     """
     try:
         _create_private(path)
@@ -452,7 +458,9 @@ def _prepare(database: sqlite3.Connection, path: Path) -> None:
 
 
 def _complete(database: sqlite3.Connection, path: Path) -> None:
-    """Add what an older version lacks. Raises JournalDamagedError for columns of no version."""
+    """Add tables and columns that an older version lacks. Raises JournalDamagedError for columns of no
+    version.
+    """
     for schema in (SCHEMA_2, SCHEMA_3, SCHEMA_5, SCHEMA_6, SCHEMA_OVERVIEWS):
         database.execute(schema)
     for table, column, kind in COLUMNS_4:

@@ -1,9 +1,10 @@
-"""A journal on disk: SQLite in WAL mode, one file an instance, many records a commit.
+"""A journal on disk: SQLite in WAL mode, one file per instance, many records per commit.
 
-`sqlite_writer` writes it. Here it is opened, read and kept within its limits.
+`sqlite_writer` writes it. This module opens it, reads it and enforces its limits.
 
-Closed sessions stay until they are too old or too much, oldest first. Open ones are never dropped for
-their size (`open_sessions` bounds it), and for their age only once they were not written to for so long.
+Closed sessions are deleted, oldest first, when they are too old or the journal is too large. Open sessions
+are never deleted for their size (`open_sessions` bounds it), and for their age only after so long a time
+without a record.
 """
 
 from __future__ import annotations
@@ -96,8 +97,9 @@ LONG_LOOK_S, LOOKS_SHARE = 0.02, 0.02  # a look that takes longer [s] is followe
 class SqliteJournal(SqliteWriter):
     """The journal in one file, while the context lasts.
 
-    Raises JournalError on entry where the file is no journal, a newer one, or cannot be written; and, when
-    `alone`, where another process has it. Not alone it is for looking into that of a service that runs.
+    Raises JournalError on entry if the file is not a journal, is of a newer version, or cannot be written;
+    with `alone`, also if another process has locked it. Without `alone`, it reads the journal of a running
+    service.
     """
 
     def __init__(self, path: Path, settings: JournalSettings | None = None, *, alone: bool = True) -> None:
@@ -136,11 +138,11 @@ class SqliteJournal(SqliteWriter):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Write what waits and close the file. Raises JournalError where that fails."""
+        """Write the queued records and close the file. Raises JournalError if that fails."""
         self._stack.close()
 
     def _open(self) -> sqlite3.Connection:
-        """Open the database, on a full disk by a part of the reserve."""
+        """Open the database; on a full disk, free a part of the reserve for that."""
         busy_s = BUSY_S if self._alone else GUEST_BUSY_S
         try:
             return open_database(self.path, busy_s)
@@ -150,7 +152,7 @@ class SqliteJournal(SqliteWriter):
         return open_database(self.path, busy_s)
 
     def replay(self, station: str, session: str) -> Iterator[Record]:
-        """Return the records of a session as they are now. Raises JournalError, perhaps on the way."""
+        """Return the current records of a session. Raises JournalError, also during the iteration."""
         self.commit()
         with self._writing, map_sqlite_errors(self.path):
             found = self._database.execute(SELECT_EXTENT, (station, session)).fetchone()
@@ -166,7 +168,7 @@ class SqliteJournal(SqliteWriter):
     def edit_at(
         self, station: str, session: str, kind: type[Edit] | type[EditProgram], revision: int
     ) -> Edit | EditProgram | None:
-        """Return the edit of a session, or of its program, that so many came before; None without one.
+        """Return the edit of a session, or of its program, after `revision` earlier ones; None without one.
 
         Raises JournalError.
         """
@@ -192,7 +194,7 @@ class SqliteJournal(SqliteWriter):
     def copies(self, station: str | None = None, session: str | None = None) -> tuple[Copy, ...]:
         """Return the extent of every session, of a station's, or of one, oldest first.
 
-        Without what cannot be written.
+        Queued records that cannot be written are not included.
         """
         with suppress(JournalError):
             self.commit()
@@ -205,7 +207,7 @@ class SqliteJournal(SqliteWriter):
             return epoch_in(self._database, station)
 
     def outcome(self, station: str, session: str) -> Outcome | None:
-        """Return the outcome of a session; None without one or for an older form."""
+        """Return the outcome of a session; None without one or for one in an older format."""
         with self._guard:
             waiting = self._outcomes.get((station, session))
         if waiting is not None:
@@ -235,15 +237,15 @@ class SqliteJournal(SqliteWriter):
                 yield record_of(session.key, row)
 
     def release(self, station: str, session: str) -> None:
-        """Return at once: the session stays until retention deletes it."""
+        """Return at once: a released session stays on disk until retention deletes it."""
 
     def check_readable(self) -> None:
-        """Read the file and its log once. Raises JournalError where the disk refuses that."""
+        """Read the file and its log once. Raises JournalError if the disk refuses that."""
         with map_sqlite_errors(self.path):
             read_through(self.path)
 
     def quarantine(self, station: str, session: str, why: str) -> str:
-        """Rename a session to a name that no other can have; return it."""
+        """Rename a session to a unique name; return it."""
         self.commit()
         with self._writing, map_sqlite_errors(self.path):
             row = self._database.execute(SELECT_EXTENT, (station, session)).fetchone()
@@ -262,7 +264,7 @@ class SqliteJournal(SqliteWriter):
     def delete(self, station: str, session: str) -> None:
         """Delete a session; most of its records are deleted later, in portions.
 
-        Also where the disk is full: a deletion may make room.
+        It works on a full disk too: a deletion may free space.
         """
         self._delete({(station, session)})
 
@@ -286,7 +288,7 @@ class SqliteJournal(SqliteWriter):
         self._wake.set()
 
     def _mark_deleted(self, keys: Set[Key], refused: JournalError | None = None) -> None:
-        """Hide sessions; where a full disk refused that, from its reserve, while no other process writes."""
+        """Hide sessions; on a full disk with space of the reserve, while no other process writes."""
         with map_sqlite_errors(self.path), transaction(self._database):
             if refused and not self._reserve.release(refused):
                 raise refused
@@ -296,8 +298,8 @@ class SqliteJournal(SqliteWriter):
     def enforce_retention(self, now: float) -> Mapping[Key, str]:
         """Delete some sessions past the limits; return them and those that another process deleted.
 
-        The worker calls it, and does not wait for the disk: nothing is done while something is being written,
-        except at every PATIENCE-th call. A look that takes long is followed by a pause.
+        The worker calls it and must not wait for the disk: during a write it does nothing, except at every
+        PATIENCE-th call. After a long call it pauses.
         """
         if time.monotonic() < self._next_look_s:
             return {}
@@ -323,7 +325,7 @@ class SqliteJournal(SqliteWriter):
         return gone
 
     def _compare_clock(self, now: float) -> None:
-        """Log once where the journal is ahead of the clock: what is recorded now expires too soon."""
+        """Log once if the journal's times are ahead of the clock: new records then expire too early."""
         if self._has_compared_clock:
             return
         with map_sqlite_errors(self.path):
@@ -373,7 +375,7 @@ class SqliteJournal(SqliteWriter):
         return gone
 
     def report(self) -> JournalReport:
-        """Return the state of the journal, with the size of the last look."""
+        """Return the state of the journal, with the size from the last check."""
         return JournalReport(
             kind="sqlite",
             commit_s=self.settings.commit_s,
@@ -409,7 +411,7 @@ class SqliteJournal(SqliteWriter):
                     self._quarantine(row, f"the entry of {'/'.join(row.key)} is damaged")
 
     def _read_usage(self) -> list[StationUsage]:
-        """Return the usage of each station on disk, and count the open sessions anew."""
+        """Return the usage of each station on disk, and recount the open sessions."""
         with self._writing, map_sqlite_errors(self.path):
             usages = [StationUsage(*row) for row in self._database.execute(SELECT_USAGE)]
             open_sizes = {
@@ -423,7 +425,7 @@ class SqliteJournal(SqliteWriter):
 
 
 def _disk_free(path: Path) -> int | None:
-    """Return the free space [bytes] on the disk of a file; None where it cannot be read."""
+    """Return the free space [bytes] on the disk of a file; None if it cannot be read."""
     try:
         return shutil.disk_usage(path.parent).free
     except OSError:

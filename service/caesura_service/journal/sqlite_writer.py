@@ -1,11 +1,11 @@
-"""The thread that writes a journal: records wait in memory, in order, and are written together.
+"""The thread that writes a journal: records are queued in memory, in order, and written together.
 
-They are written at most `commit_s` after the first of them, or at once where a caller needs them on disk. A
-killed process loses what waited; a killed machine no more, for every commit reaches the disk (synchronous
-FULL).
+They are written at most `commit_s` after the first of them, or at once if a caller needs them on disk. A
+killed process loses the queued records. A power failure loses no more, because every commit reaches the disk
+(synchronous FULL).
 
-When writing fails, what waits is kept and tried again, and until it is written every further append is
-refused with the reason: a session that is not journalled does not go on.
+If writing fails, the queued records are kept and retried. Until they are written every further append is
+refused with the reason: a session that cannot be recorded must not continue.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ OVERVIEW_PART = 1 << 19  # [bytes] of an overview in one transaction, some milli
 
 
 class SqliteWriter:
-    """The records that wait for the disk, and the thread that writes them."""
+    """The queue of records for the disk, and the thread that writes them."""
 
     _database: sqlite3.Connection
 
@@ -88,8 +88,8 @@ class SqliteWriter:
     def append(self, record: Record, *, now: bool = False) -> None:
         """Append a record.
 
-        Raises JournalError where earlier records could not be written; JournalShareError at the share of its
-        station's open sessions.
+        Raises JournalError if earlier records could not be written; JournalShareError if the station's open
+        sessions have used their share.
         """
         self._append_row(row_of(record), now=now)
 
@@ -98,7 +98,7 @@ class SqliteWriter:
         self._append_row(batch_row(station, session, at, batch))
 
     def commit(self) -> None:
-        """Write the waiting records, in portions that fit in little room. Raises JournalError."""
+        """Write the queued records, in portions that need little space. Raises JournalError."""
         with self._writing:
             with self._guard:
                 rows = self._waiting[:]
@@ -126,7 +126,7 @@ class SqliteWriter:
             self._database.execute(INSERT_EPOCH, (station, epoch, checksum(station, epoch)))
 
     def store_outcome(self, station: str, outcome: Outcome) -> None:
-        """Store an outcome, which the journal's thread writes: an hour of results is megabytes.
+        """Queue an outcome, which the journal's thread writes: the results of an hour have megabytes.
 
         A session whose outcome is not written, as after a crash, is replayed from its records.
         """
@@ -138,10 +138,10 @@ class SqliteWriter:
         self._wake.set()
 
     def flush(self) -> None:
-        """Write the waiting records, then the outcomes one by one: records are written in between.
+        """Write the queued records, then the outcomes one by one, with further records in between.
 
-        Raises JournalError. An outcome that the disk refuses is kept and tried again, like a record; past
-        OUTCOMES the oldest is dropped, and its session replayed at the next start.
+        Raises JournalError. An outcome that the disk refuses is kept and retried, like a record; beyond
+        OUTCOMES the oldest is dropped, and its session is replayed at the next start.
         """
         self.commit()
         while True:
@@ -159,13 +159,13 @@ class SqliteWriter:
                 self._forget_outcome(key, outcome, past=may_wait)
 
     def _forget_outcome(self, key: Key, outcome: Outcome, *, past: int) -> None:
-        """Drop a waiting outcome if no newer one replaced it and more than `past` wait."""
+        """Drop a queued outcome if no newer one replaced it and more than `past` are queued."""
         with self._guard:
             if self._outcomes.get(key) is outcome and len(self._outcomes) > past:
                 del self._outcomes[key]
 
     def keep_overview(self, key: Key, session_id: int, content: bytes) -> None:
-        """Keep an overview of a session; records are written between its parts. Raises JournalError."""
+        """Write an overview of a session; records are written between its parts. Raises JournalError."""
         parts = [content[at : at + OVERVIEW_PART] for at in range(0, len(content), OVERVIEW_PART)]
         for part, payload in enumerate(parts):
             crc = checksum(session_id, part, len(parts), payload)
@@ -200,7 +200,7 @@ class SqliteWriter:
             self._open_sessions.add(row)
 
     def _append_now(self, row: RecordRow) -> None:
-        """Append a row and write it to disk; on an error it is removed again."""
+        """Append a row and write it to disk; remove it again on an error."""
         with self._writing:
             self._append(row)
             try:
@@ -232,11 +232,12 @@ class SqliteWriter:
                 self._database.execute(INSERT_OUTCOME, (opening, outcome.last_seq, snapshot, crc, *key))
 
     def _leave_room(self, size: int) -> None:
-        """Raise JournalFullError where the rest of the disk is for deletions, which have freed too little.
+        """Raise JournalFullError if the rest of the disk is reserved for deletions, which have freed too
+        little.
 
-        size: [bytes] to be written. What goes into freed pages takes no room but in the log, which is as long
-        already: so further deletions find the room that these found. Free room of a disk is not a quota's:
-        while deletions are under way they alone use it.
+        size: [bytes] to be written. Rows in freed pages need space only in the log, which already has that
+        length, so the space for further deletions stays. The free space of a disk may exceed a quota: during
+        deletions only they use it.
         """
         for_deletions = self._makes_room and isinstance(self._error, JournalFullError)
         if not for_deletions and not self._reserve.is_spent():
@@ -255,7 +256,7 @@ class SqliteWriter:
         return error
 
     def _forget(self, rows: Sequence[RecordRow]) -> None:
-        """Take the first rows, which are on disk, from those that wait."""
+        """Remove the first rows from the queue: they are on disk."""
         size, keys = sum(row.size for row in rows), {row[:2] for row in rows}
         with self._guard:  # for which the worker waits
             del self._waiting[: len(rows)]
@@ -272,7 +273,7 @@ class SqliteWriter:
             self._error = None
 
     def _start_thread(self, stack: ExitStack) -> None:
-        """Start the writing thread; the stack ends it, and writes what waits then."""
+        """Start the writing thread; the stack ends it, and then writes the queued records."""
         self._files.remember()
         stack.callback(self.flush)
         if not self._alone:
@@ -284,9 +285,10 @@ class SqliteWriter:
         stack.callback(self._stopped.set)
 
     def _run(self) -> None:
-        """Write what waits in a loop; after an error at longer intervals.
+        """Write queued records in a loop; after an error at longer intervals.
 
-        On a full disk deletions come first: otherwise what waits takes the room that they need.
+        On a full disk deletions come first: otherwise the queued records would use the space that deletions
+        need.
         """
         while not self._stopped.is_set():
             self._wake.wait()
@@ -315,12 +317,12 @@ class SqliteWriter:
         return PAUSE_S if self._makes_room else RETRY_S
 
     def _delete_batch(self) -> bool:
-        """Continue deletions, of this process or of another."""
+        """Continue deletions of this process or another; return whether records are left to delete."""
         with self._writing, map_sqlite_errors(self.path):
             return delete_batch(self._database)
 
     def _delete_rest(self) -> None:
-        """Delete what is left where no service does it, with pauses for other writers."""
+        """Delete the remaining records if no service does, with pauses for other writers."""
         with suppress(JournalError):
             while self._has_deleted and self._delete_batch():
                 threading.Event().wait(PAUSE_S)

@@ -1,8 +1,8 @@
 """Counts the frames that SQLite silently drops from a damaged write-ahead log.
 
-SQLite reads a log up to the first frame whose checksum is wrong, and takes that for the end. So a flipped bit
-hides every later commit. The frames behind it are still in the file, with the log's salts.
-Format: https://www.sqlite.org/fileformat2.html#walformat
+SQLite reads a log up to the first frame with a wrong checksum, and treats that as the end. So a flipped bit
+hides every later commit. The later frames are still in the file, with the log's salts. Format:
+https://www.sqlite.org/fileformat2.html#walformat
 """
 
 from __future__ import annotations
@@ -20,17 +20,18 @@ _MASK = 0xFFFFFFFF
 
 
 def log_of(path: Path) -> Path:
-    """Return where SQLite keeps the log of a database."""
+    """Return the path of a database's write-ahead log."""
     return path.with_name(path.name + "-wal")
 
 
 def files_beside(path: Path) -> tuple[Path, Path]:
-    """Return the files that SQLite keeps beside a database: its log, and the memory that processes share."""
+    """Return the files that SQLite keeps beside a database: its log, and the shared memory of processes."""
     return log_of(path), path.with_name(path.name + "-shm")
 
 
 def log_integrity_error(path: Path) -> str | None:
-    """Return which frames of a journal's log SQLite skips, or None; a copy of the log is kept then.
+    """Return text on the frames of a journal's log that SQLite skips, and keep a copy of the log; None if it
+    skips none.
 
     Call it before anything is written.
     """

@@ -1,8 +1,8 @@
 """Answers of the probes: whether the service is alive and ready, with the reasons.
 
-Alive: its process answers, and the worker thread completes its loop. A replay at the start is no reason
-to kill it, so before it is ready it counts as alive. Ready: joined, declared, and not on its way out,
-with a link to its router.
+Alive: the process answers, and the worker thread completes its loop. A replay at the start must not lead to a
+restart, so the service counts as alive until it is ready. Ready: it has joined the network, has declared its
+keys, has a link to its router, and is not shutting down.
 """
 
 from __future__ import annotations

@@ -1,14 +1,12 @@
 """The HTTP server: /metrics for Prometheus, /healthz and /readyz for a supervisor.
 
-It only reads: names of stations and how much of what, never samples, results or commands, and nothing that
-a request says reaches anything but a table of paths. So it needs no credentials and may listen on any
-address; it is off unless asked for.
+It is read-only: it serves names of stations and counts, never samples, results or commands, and uses only the
+path of a request. So it needs no credentials and may listen on any address; it is off by default.
 
-Callers cannot keep a probe out. At most CONNECTIONS are open, none for longer than TIMEOUT_S. A caller that
-comes when all are taken gets the place of another: the oldest one of the address that holds the most. So a
-probe keeps its place whatever other addresses do; on an address that it shares, it is the newest. Neither
-/healthz nor /readyz waits for a scrape: at most SCRAPES are under way, one at a time does work, and a further
-one gets 503.
+Other clients cannot block a probe. At most CONNECTIONS are open, none for longer than TIMEOUT_S. If all are
+used, a new connection replaces the oldest one of the address with the most connections. So other addresses
+cannot evict a probe, and on a shared address a probe is the newest. /healthz and /readyz do not wait for a
+scrape: at most SCRAPES are in progress, one at a time does work, and a further one gets 503.
 """
 
 from __future__ import annotations
@@ -52,7 +50,7 @@ class HttpResponse(NamedTuple):
 
 
 class HttpServer:
-    """Serves while the context lasts, from the first moment on: also while sessions are replayed.
+    """Serves while the context lasts, also while sessions are replayed at the start.
 
     address: `host:port`, port 0 for a free one. Raises WebError.
     """
@@ -186,7 +184,7 @@ class _Server(ThreadingHTTPServer):
             self._places.release(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A caller that went away in between is no event."""
+        """Ignore the error of a client that closed its connection."""
 
 
 def _handler(page: Callable[[str, str], HttpResponse]) -> type[BaseHTTPRequestHandler]:
@@ -211,7 +209,7 @@ def _handler(page: Callable[[str, str], HttpResponse]) -> type[BaseHTTPRequestHa
                 self.wfile.write(body)
 
         def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - its base's name
-            """A probe every few seconds is no event."""
+            """Log nothing: probes come every few seconds."""
 
     return Handler
 

@@ -1,4 +1,4 @@
-"""The registry with counters and log around every call, whose effect they do not change."""
+"""The registry with counters and log entries around every call, which do not change its results."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class InstrumentedRegistry(Registry):
         return count, outputs
 
     def make_due_program(self, station: str, session: str) -> list[Output]:
-        """Make and publish the program that `handle_together` has left."""
+        """Make and publish the program that `handle_together` has postponed."""
         return self._instrumented(station, None, partial(super().make_due_program, station, session))
 
     def reject(self, station: str | None, error: ProtocolError) -> list[Output]:

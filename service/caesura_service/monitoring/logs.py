@@ -1,7 +1,7 @@
 """The format of log lines: text for people, or one JSON object a line for a log collector.
 
-A line of JSON has `time` (UTC), `level`, `logger`, `instance` and `message`; `station` and `session` where it
-speaks of one; `exception` where there was one.
+A line of JSON has `time` (UTC), `level`, `logger`, `instance` and `message`; `station` and `session` if it
+concerns one; `exception` if there was one.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _RENAMED = {"levelname": "level", "name": "logger", "exc_info": "exception"}
 
 
 class _Ordered(JsonFormatter):
-    """A formatter of JSON lines that begin with the fields that every line has, for human readers."""
+    """A formatter of JSON lines that begin with the fields common to all lines, for human readers."""
 
     def process_log_record(self, log_data: dict[str, Any]) -> dict[str, Any]:
         return {name: log_data[name] for name in (*FIELDS, *log_data) if name in log_data}
@@ -53,7 +53,7 @@ LOG_FORMATS = tuple(FORMATTERS)
 
 
 class UnknownOption(ValueError):  # noqa: N818 - it reads better where it is caught
-    """An option of the log has a value that it does not know."""
+    """An option of the log has an unknown value."""
 
     def __init__(self, option: str, value: str, stations: Sequence[str]) -> None:
         super().__init__(f"{value!r}, known: {', '.join(stations)}")
@@ -61,7 +61,7 @@ class UnknownOption(ValueError):  # noqa: N818 - it reads better where it is cau
 
 
 def log_to(stream: TextIO, *, level: str, log_format: str, instance: str) -> None:
-    """Send everything from a level on to a stream. Raises UnknownOption."""
+    """Write records of at least a level to a stream. Raises UnknownOption."""
     if level.lower() not in LEVELS:
         raise UnknownOption("--log-level", level, LEVELS)
     if log_format not in FORMATTERS:

@@ -1,8 +1,8 @@
 """The metrics for Prometheus, read from immutable states at each scrape: nothing is stored twice.
 
 Labels are bounded. `station` takes at most as many values as the registry has stations (`Limits.stations`,
-256 by default), `code` as many as the protocol has codes; no session name is a label.
-docs/operations.md lists every metric; a test holds the two together.
+256 by default), `code` as many as the protocol has codes; no session name is a label. docs/operations.md
+lists every metric; a test compares both lists.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class MetricsSource:
 
     @property
     def can_be_found(self) -> bool:
-        """Whether the service has joined the network, and its router is there."""
+        """Whether the service has joined the network, and its router is reachable."""
         return self.is_ready() and self.is_linked()
 
 
@@ -117,10 +117,10 @@ OF_JOURNAL: tuple[tuple[str, str, Callable[[JournalReport], float]], ...] = (
 
 
 class ServiceCollector(Collector):
-    """Makes every metric of Caesura from the present state."""
+    """Makes every metric of Caesura from the current state."""
 
     def __init__(self, source: MetricsSource, clock: Callable[[], float] = time.monotonic) -> None:
-        """clock: [s] that of the counting."""
+        """clock: that of the counters [s]."""
         self._observed = source
         self._clock = clock
 

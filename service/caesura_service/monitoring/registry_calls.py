@@ -11,7 +11,7 @@ from caesura_service.publishing.session_state import SessionState
 
 
 class Change(NamedTuple):
-    """A session before and after; None where it was not there."""
+    """A session before and after; None if it did not exist."""
 
     before: SessionState | None
     after: SessionState | None
@@ -20,8 +20,8 @@ class Change(NamedTuple):
 class RegistryCall(NamedTuple):
     """A call of the registry with its effects: one message, command or tick.
 
-    station: None where the key has none, or where it concerns all. refused: the number of refusals it made,
-    of which `refusal` is the last. batches: the number processed together, `message` the first.
+    station: None if the key has none, or if the call concerns all. refused: number of refusals, of which
+    `refusal` is the last. batches: number of batches processed together, of which `message` is the first.
     """
 
     station: str | None

@@ -1,7 +1,7 @@
 """The log of sessions: one line an event, with station and session as fields.
 
-What a peer can cause as often as it likes (a refusal, a question for batches, a question without an answer)
-is logged at LOG_RATE for each station and reason, with the number of suppressed lines.
+Events that a peer can cause without limit (a refusal, a replay request, a query without an answer) are logged
+at LOG_RATE for each station and reason, with the number of suppressed lines.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class SessionEventLogger:
         self._senders: dict[str, dict[Sender, bool]] = {}  # of a station, the newest last; was it warned of?
 
     def log_call(self, call: RegistryCall) -> None:
-        """Log the changes of a call."""
+        """Log the effects of a call."""
         for change in call.changes:
             _log_change(change)
         for output in call.outputs:
@@ -69,7 +69,7 @@ class SessionEventLogger:
             self._log_second_bridge(call.station or "", call.message)
 
     def _log_second_bridge(self, station: str, batch: SampleBatch) -> None:
-        """Warn once where a session goes on that another bridge seemed to have replaced by its own."""
+        """Warn once if a session continues that another bridge appeared to have replaced by its own."""
         if batch.bridge is None:
             return
         sender, known = Sender(batch.session, batch.bridge), self._senders.setdefault(station, {})

@@ -1,7 +1,7 @@
 """Counters of each station since the start of the process.
 
-The registry's thread counts, any thread reads: each number is replaced by a greater one, fifty times a second
-for each station, so that nothing else is. A station that is no longer here is dropped with its numbers, so
+The registry's thread counts, and any thread reads. Counters are updated in place, because they change fifty
+times a second for each station. The counters of a station that this instance no longer has are dropped, so
 there are never more than the registry has stations.
 """
 
@@ -23,7 +23,7 @@ BUCKETS_S = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5)
 
 @dataclass(slots=True)
 class StationCounters:
-    """Counts of one station. received_s: when its last batch came [s, the counter's clock]."""
+    """Counts of one station. received_s: time of arrival of its last batch [s, the counter's clock]."""
 
     batches: int = 0
     samples: int = 0
@@ -82,7 +82,7 @@ class StationCounterSet:
 
     @property
     def of_station(self) -> Mapping[str, StationCounters]:
-        """The counters of now, by station."""
+        """The current counters of each station, by station."""
         return dict(self._of_station)
 
     def count_batch(self, station: str, stations: Container[str], duration_s: float, now: float) -> None:
@@ -116,7 +116,7 @@ class StationCounterSet:
             counted.received_s = now
 
     def _counters(self, station: str, stations: Container[str]) -> StationCounters:
-        """Return the counts of a station; a new one takes the place of stations that have left."""
+        """Return the counters of a station; a new station first removes those of stations that have left."""
         if station not in self._of_station:
             self._of_station = {name: one for name, one in self._of_station.items() if name in stations}
             self._of_station[station] = StationCounters()

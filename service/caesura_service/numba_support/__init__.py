@@ -11,7 +11,7 @@ logger = logging.getLogger(__name__)
 
 @cache
 def has_kernels() -> bool:
-    """Whether numba is installed. Without it everything works, a hundred times slower."""
+    """Return whether numba is installed. Without it the NumPy reference is used, a hundred times slower."""
     try:
         import numba  # noqa: F401, PLC0415
     except ImportError:
@@ -21,7 +21,7 @@ def has_kernels() -> bool:
 
 
 def is_compiled() -> bool:
-    """Whether compiled code of the filter is kept; without it the first segmentation compiles it."""
+    """Return whether the filter's compiled code is cached; otherwise the first segmentation compiles it."""
     from caesura_service.numba_support.decorators import cache_directory  # noqa: PLC0415 - imports numba
 
     kept = cache_directory(Path(__file__).parents[1] / "changepoint" / "kernels")

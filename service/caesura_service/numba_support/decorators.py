@@ -1,12 +1,12 @@
 """The decorators that compile every kernel, and the place of their cache.
 
-Without the interpreter, without counting references, and dividing as C does: a branch at every division would
-keep loops from being done several numbers at a time. A product and a sum may be one instruction.
+Kernels are compiled without the interpreter, without reference counting, and with C's division: a branch at
+every division would prevent vectorised loops. A product and a sum may be fused into one instruction.
 
-Numba keeps what it compiled by the file of a function, and does not see that a function which is called, or a
-constant, has changed in another. So what a room compiles is kept under a digest of all its sources: a kernel
-calls none of another room's. Numba writes where it reads: where the package cannot be written (an
-image), what is kept there is copied to where it can.
+Numba caches compiled code by the file of a function, and does not notice a change of a called function or
+constant in another file. So a package's compiled code is cached under a digest of all its kernel sources; a
+kernel calls none of another package. Numba writes to the directory from which it reads: if that is read-only
+(a container image), its content is copied to a writable one.
 """
 
 from __future__ import annotations
@@ -28,14 +28,16 @@ GIVEN = config.CACHE_DIR  # as NUMBA_CACHE_DIR says
 
 
 def digest(room: Path) -> str:
-    """Return a digest of all sources of a room's kernels, and of this module, as 16 hex digits."""
+    """Return a digest of all sources of a package's kernels, and of this module, as 16 hex digits."""
     sources = (Path(__file__), *sorted(room.glob("*.py")))
     return hashlib.blake2b(b"\0".join(path.read_bytes() for path in sources), digest_size=8).hexdigest()
 
 
 @cache
 def cache_directory(room: Path) -> Path:
-    """Return the directory of a room's compiled code: in NUMBA_CACHE_DIR, in the room, or a copy of that."""
+    """Return the directory of a package's compiled code: in NUMBA_CACHE_DIR, in the package, or a copy of
+    that.
+    """
     if GIVEN:
         return Path(GIVEN) / digest(room)
     own = room / "__pycache__" / digest(room)
@@ -48,7 +50,10 @@ def cache_directory(room: Path) -> Path:
 
 
 def _own_directory() -> Path:
-    """Return the cache in this user's home, else a new temporary one: code that lies there is executed."""
+    """Return the cache in this user's home, or else a new temporary directory.
+
+    It belongs to this user, because its content is executed.
+    """
     caches = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     mine = Path(caches) / "caesura" / "kernels"
     try:
@@ -59,7 +64,7 @@ def _own_directory() -> Path:
 
 
 def _kept(**how: object) -> Callable[[Callable[..., Any]], Any]:
-    """Return a decorator that compiles a function and caches the code in the directory of its room."""
+    """Return a decorator that compiles a function and caches the code in the directory of its package."""
     compile_ = njit(cache=True, nogil=True, error_model="numpy", _nrt=False, **how)
 
     def decorate(function: Callable[..., Any]) -> Any:

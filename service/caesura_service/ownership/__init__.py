@@ -1,1 +1,1 @@
-"""The stations and sessions that an instance holds, and how it takes them over."""
+"""The stations and sessions that an instance owns, and how it takes them over."""

@@ -1,7 +1,7 @@
-"""Rebuilds closed sessions that are to be edited, a journal record at a time.
+"""Rebuilds closed sessions for an edit, one journal record at a time.
 
-A session restored from its outcome has no pipeline. Replaying an hour takes seconds, and other stations do
-not wait for it: until the end the client is asked to retry.
+A session restored from its outcome has no pipeline. Replaying an hour takes seconds, and other stations must
+not wait for it. Until the end the client gets `overloaded`, and must retry.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from caesura_service.sessions.session import Session
 
 
 class ClosedSessionRebuilder:
-    """The rebuilds under way, by station and session."""
+    """The rebuilds in progress, by station and session."""
 
     def __init__(self, takeover: Takeover, journals: JournalSet) -> None:
         self._takeover = takeover
@@ -27,18 +27,18 @@ class ClosedSessionRebuilder:
 
     @property
     def is_rebuilding(self) -> bool:
-        """Whether a rebuild is under way."""
+        """Whether a rebuild is in progress."""
         return bool(self._under_way)
 
     def is_rebuilding_of(self, station: str) -> bool:
-        """Whether a rebuild of a station's session is under way."""
+        """Whether a rebuild of a station's session is in progress."""
         return any(key[0] == station for key in self._under_way)
 
     def request(self, station: str, session: Session, owner: Owner) -> ProtocolError:
         """Start or continue a rebuild; return the answer to the editing client.
 
-        Raises ProtocolError `conflict` where the session cannot be rebuilt, `overloaded` where that is
-        so just now, JournalError.
+        Raises ProtocolError `conflict` if the session cannot be rebuilt, `overloaded` if it cannot be rebuilt
+        now, JournalError.
         """
         key = (station, session.name)
         if key not in self._under_way:
@@ -54,7 +54,7 @@ class ClosedSessionRebuilder:
         return ProtocolError("overloaded", why, value=session.name)
 
     def step(self) -> list[Output]:
-        """Rebuild one record further; return the outputs."""
+        """Replay one more record of a rebuild; return the outputs."""
         if not self._under_way:
             return []
         key, work = next(iter(self._under_way.items()))

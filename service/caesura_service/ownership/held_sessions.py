@@ -14,7 +14,7 @@ NO_SESSIONS: Mapping[str, Session] = {}
 
 
 class HeldSessions:
-    """One thread changes it; any thread may read the `index`, which every change replaces.
+    """One thread changes the sessions; any thread may read `index`, which every change replaces.
 
     The sessions of a station are in the order in which they were opened or taken over, the newest one last.
     """
@@ -38,7 +38,7 @@ class HeldSessions:
         return chain.from_iterable(sessions.values() for sessions in self._by_station.values())
 
     def find(self, station: str | None, name: str | None) -> Session | None:
-        """Return a session; None where it is not held."""
+        """Return a session; None if it is not in memory."""
         return self.of(station or "").get(name or "")
 
     def newest(self, station: str | None) -> Session | None:
@@ -65,7 +65,7 @@ class HeldSessions:
         self.replace(station, {**self.of(station), session.name: session})
 
     def remove(self, station: str, name: str) -> None:
-        """Remove a session, where it is held."""
+        """Remove a session, if it is in memory."""
         if name not in self.of(station):
             return  # as most of what the journal deletes
         self.replace(station, {other: one for other, one in self.of(station).items() if other != name})
@@ -80,7 +80,7 @@ class HeldSessions:
         self.index = SessionIndex(shown)
 
     def track(self, session: Session, outputs: list[Output]) -> list[Output]:
-        """Return the outputs of a session; remember it where its next status has to wait."""
+        """Return the outputs of a session; record it if its next status is postponed."""
         if session.status_throttled:
             self._throttled.add(session)
         return outputs

@@ -1,4 +1,4 @@
-"""Errors of the journal as refusals of the protocol."""
+"""Converts errors of the journal to refusals of the protocol."""
 
 from __future__ import annotations
 
@@ -11,15 +11,14 @@ from caesura_service.journal import JournalError, JournalShareError, JournalSupe
 class JournalErrorsAs:
     """Raises a JournalError of its context as a ProtocolError with the given code.
 
-    Except one that says that another instance has the station: like the time of a takeover, it concerns
-    no session.
+    JournalSupersededError passes unchanged: that another instance owns the station concerns no session.
     """
 
     def __init__(self, code: ErrorCode) -> None:
         self._code = code
 
     def __enter__(self) -> None:
-        """A class, not a generator: every batch comes through here."""
+        """Enter the context. This is a class and not a generator, because every batch uses it."""
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

@@ -1,13 +1,14 @@
-"""All sessions of this instance, by station and name. Routes messages, charges refusals, keeps limits.
+"""All sessions of this instance, by station and name. It routes messages, counts refusals, and enforces
+limits.
 
-A refusal is charged to the session that it names, else to the station's current session where the
-station is known, and always to the service. A station reaches only its own sessions. What the journal
-cannot store is rejected as `overloaded` with the journal's reason: the bridge still has it, and is asked
-again. A closed session stays in the journal longer than it can be asked for here, and its name stays taken
-for so long.
+A refusal is counted for the session that it names, or else for the station's current session if the station
+is known, and always for the service. A station can access only its own sessions. A message that the journal
+cannot store is rejected as `overloaded` with the journal's reason: the bridge still has it, and is asked to
+send it again. A closed session stays in the journal longer than in memory, and its name stays in use for so
+long.
 
-Stations may be shared with other instances: what is not served here is another's, and a bridge whose station
-is just being taken has to ask again.
+Other instances may serve other stations: a message of a station that this instance does not serve is
+rejected, and a bridge must repeat messages during a takeover.
 
 Other threads read the `index`, which is replaced when a session is added or removed and holds its immutable
 state (`held_sessions`).
@@ -106,15 +107,15 @@ class Registry:
 
     @property
     def index(self) -> SessionIndex:
-        """The sessions now; any thread may ask."""
+        """The current index of sessions; any thread may read it."""
         return self._held.index
 
     # --- whose stations are whose -----------------------------------------------------------------------
 
     def restore(self, now: float = 0.0, stations: Set[str] | None = None) -> list[TakeoverFailed]:
-        """Take over these stations, or all with a session; return the sessions that could not be.
+        """Take over these stations, or all with a session; return the sessions that could not be taken over.
 
-        A station whose records cannot be read or copied is to be taken over again.
+        The takeover of a station whose records cannot be read or copied must be repeated.
         """
         failed: list[TakeoverFailed] = []
         for station in sorted(self.known_stations() if stations is None else stations):
@@ -134,11 +135,11 @@ class Registry:
     def take_over(
         self, station: str, now: float, *, renew: bool = True
     ) -> Generator[list[Output], None, None]:
-        """Bring the station's sessions up to the furthest journal; gives way after every record.
+        """Bring the station's sessions up to the journal with the most records; yields after every record.
 
-        From then on results have a new epoch, higher than any before. renew: also where nothing was behind,
-        as after another instance may have owned the station; always where one has. Raises JournalError,
-        and the station's messages are rejected until it is taken over again.
+        From then on results have a new epoch, higher than any before. renew: take a new epoch also if no
+        record was missing, because another instance may have owned the station; if one has, there always is a
+        new epoch. Raises JournalError; the station's messages are then rejected until a takeover succeeds.
         """
         try:
             self._finish_work(station)
@@ -153,7 +154,7 @@ class Registry:
         return any(_is_missing_or_behind(held.get(name), one) for name, one in self._wanted(station).items())
 
     def _wanted(self, station: str) -> Mapping[str, SessionCopies]:
-        """Return the copies of the sessions to hold in memory. Raises JournalError."""
+        """Return the copies of the sessions to load into memory. Raises JournalError."""
         known = self._journals.copies_of_station(station)
         return {name: known[name] for name in self._to_hold(known)}
 
@@ -195,7 +196,7 @@ class Registry:
         self._drop(station)
 
     def _drop(self, station: str) -> None:
-        """Hold no session of a station any longer."""
+        """Remove all sessions of a station from memory."""
         self._held.replace(station, {})
         self._station_limit.forget(station)
 
@@ -205,7 +206,7 @@ class Registry:
             self.slices.finish(name)
 
     def _to_hold(self, known: Mapping[str, SessionCopies]) -> list[str]:
-        """Return the sessions to hold in memory: the open ones and the last closed ones."""
+        """Return the sessions to load into memory: the open ones and the last closed ones."""
         closed = [name for name, copies in known.items() if copies.best.closed]
         gone = set(closed[: max(0, len(closed) - self._limits.closed_sessions)])
         return [name for name in known if name not in gone]
@@ -213,7 +214,7 @@ class Registry:
     # --- what comes -------------------------------------------------------------------------------------
 
     def handle_command(self, station: str, command: Command, now: float) -> list[Output]:
-        """Carry out a command; the outputs hold exactly one answer."""
+        """Execute a command; the outputs contain exactly one reply."""
         if (rejection := self.ownership.rejection_reason(station)) is not None:
             return [Reply(ProtocolError("overloaded", rejection, value=station))]
         try:
@@ -230,7 +231,7 @@ class Registry:
             return [*self._count_rejection(station, command.session, error), Reply(error)]
 
     def _carry_out(self, station: str, command: Command, now: float) -> list[Output]:
-        """Raises ProtocolError, JournalSupersededError."""
+        """Execute a command. Raises ProtocolError, JournalSupersededError."""
         if isinstance(command, Open) and self._held.find(station, command.session) is None:
             return self._open(station, command, now)
         session = self._held.require(station, command.session)
@@ -264,7 +265,9 @@ class Registry:
         return self._with_limits(station, session, outputs, now)
 
     def awaited(self, station: str, session: str) -> Awaited | None:
-        """Return what an open session awaits; None where it is not here. Any thread may call it."""
+        """Return the next batch that an open session expects; None if it is not in memory. Any thread may
+        call it.
+        """
         for held in reversed(self.index.sessions.get(station, ())):
             if held.name == session:
                 return held.awaited if held.is_open else None
@@ -273,8 +276,8 @@ class Registry:
     def handle_together(self, station: str, block: BatchBlock, now: float) -> tuple[int, list[Output]]:
         """Process the first batches of a block together, as `handle_samples` does in turn; return how many.
 
-        0: the first one has to be handled by itself. A program that is due is left to `make_due_program`,
-        so that segments need not wait for it.
+        0: the first one must be processed separately. A due program is postponed to `make_due_program`, so
+        that segments are published before it.
         """
         session = self._held.find(station, block.session)
         if session is None or self.ownership.rejection_reason(station) is not None:
@@ -290,12 +293,12 @@ class Registry:
         return count, self._with_limits(station, session, self._held.track(session, outputs), now)
 
     def has_due_program(self, station: str, session: str) -> bool:
-        """Whether `handle_together` has left a program of the session to `make_due_program`."""
+        """Whether `handle_together` has postponed a program of the session."""
         found = self._held.find(station, session)
         return found is not None and found.has_due_program
 
     def make_due_program(self, station: str, session: str) -> list[Output]:
-        """Make and publish the program that `handle_together` has left."""
+        """Make and publish the program that `handle_together` has postponed."""
         found = self._held.find(station, session)
         return [] if found is None else self._held.track(found, found.make_due_program())
 
@@ -309,7 +312,7 @@ class Registry:
         return outputs
 
     def reject(self, station: str | None, error: ProtocolError) -> list[Output]:
-        """Count a message that could not be read; station: None where its key names none."""
+        """Count an unreadable message; station: None if its key names none."""
         return self._count_rejection(station, None, error)
 
     def report_dropped(self, station: str, messages: int) -> list[Output]:
@@ -342,15 +345,17 @@ class Registry:
         return outputs
 
     def record_work(self, station: str, seconds: float) -> None:
-        """Record the time [s] of a slice of a station's work; does nothing here."""
+        """Record the time [s] of a slice of a station's work; here it does nothing, see
+        `InstrumentedRegistry`.
+        """
 
     @property
     def is_rebuilding(self) -> bool:
-        """Whether a session is being rebuilt, so that `rebuild_step` is to be called."""
+        """Whether a session is being rebuilt; then `rebuild_step` must be called."""
         return self._rebuilder.is_rebuilding
 
     def rebuild_step(self) -> list[Output]:
-        """Rebuild one record further; return the outputs."""
+        """Replay one more record of a rebuild; return the outputs."""
         return self._rebuilder.step()
 
     def journal_report(self) -> JournalReport:
@@ -376,9 +381,10 @@ class Registry:
         return [*self._release_stations(now), *outputs]
 
     def _opening_time(self, station: str, now: float) -> float:
-        """Return the time of an opening [s], after those of all sessions where several instances opened them.
+        """Return the time of an opening [s], later than that of all sessions of the station, also of other
+        instances.
 
-        They are ordered by it, and the last one is the station's current session, whatever the clocks did.
+        Sessions are ordered by it, and the last one is the station's current session, also if clocks differ.
         """
         others = self._journals.peer_last_opened(station)
         if others is None:
@@ -387,7 +393,7 @@ class Registry:
         return max(now, max(others, own) + STEP_S)
 
     def _is_busy(self, station: str) -> bool:
-        """Whether work on a station is under way."""
+        """Whether work on a station is in progress."""
         return (
             self.slices.is_under_way(station)
             or self.ownership.in_takeover(station)
@@ -412,9 +418,9 @@ class Registry:
         return outputs
 
     def _reopen(self, station: str, command: Open, known: SessionCopies, now: float) -> list[Output]:
-        """Open a session that a journal has and memory does not: take it over again where it is open.
+        """Open a session that is in a journal and not in memory; an open one is taken over again.
 
-        Raises ProtocolError `overloaded` where that may change, else `conflict`.
+        Raises ProtocolError `overloaded` if a retry may succeed, else `conflict`.
         """
         name, why = command.session, "which is over"
         if not known.best.closed:
@@ -433,7 +439,7 @@ class Registry:
     def _make_room(self, station: str, now: float) -> list[Output]:
         """Close the oldest open and release the oldest closed session of a station that has too many.
 
-        A close that the journal cannot store waits until the next session is opened.
+        A close that the journal cannot store is repeated when the next session is opened.
         """
         sessions = self._held.of(station)
         outputs: list[Output] = []
@@ -463,11 +469,11 @@ class Registry:
         return []
 
     def _close(self, session: Session, now: float) -> list[Output]:
-        """Close it behind the last batch that it has. Raises JournalError."""
+        """Close a session after the last batch that it has. Raises JournalError."""
         return session.receive(Close(session=session.name, last_seq=session.next_seq - 1), now)
 
     def _enforce_retention(self, now: float) -> list[Output]:
-        """Remove the sessions that no journal keeps any longer."""
+        """Remove the sessions that retention has deleted from all journals."""
         gone: dict[Key, str] = {}
         with suppress(JournalError):  # which the journal has said already
             gone |= self._journal.enforce_retention(now)
@@ -482,14 +488,14 @@ class Registry:
         return [SessionDeleted(*key, why) for key, why in gone.items()]
 
     def _with_apps(self, station: str, session: Session, command: EditProgram) -> EditProgram:
-        """Return the edit with the apps that it puts in the place of a part. Raises as `apps_for`."""
+        """Return the edit with the apps that replace its part. Raises as `apps_for`."""
         if not isinstance(command.action, ReplacePart):
             return command
         apps = apps_for(program_of(session.state), self._program(station, command.action.session))
         return AppliedProgramEdit(**vars(command), apps=apps)
 
     def _program(self, station: str, name: str) -> Program:
-        """Return the program of a session, also of one that is no longer held. Raises ProtocolError."""
+        """Return the program of a session, in memory or stored. Raises ProtocolError."""
         held = self._held.find(station, name)
         stored = self.stored.program(station, name) if held is None else program_of(held.state)
         return stored or program_of(self._held.require(station, name).state)
@@ -507,7 +513,7 @@ class Registry:
     def _as_only_read(self, station: str, name: str, error: ProtocolError) -> ProtocolError:
         """Return the error of an operator's command.
 
-        Where its session is stored and too old to be held, the error states that it can only be read.
+        If its session is stored and too old to be loaded, the error states that it is read-only.
         """
         with suppress(JournalError):
             if error.code == "unknown_session" and self.stored.has(station, name):
@@ -529,7 +535,7 @@ def _is_missing_or_behind(session: Session | None, copies: SessionCopies) -> boo
 
 
 def _needs_rebuilding(command: Command, session: Session) -> bool:
-    """Whether a session without a pipeline has to be rebuilt first. Raises ProtocolError `conflict`."""
+    """Return whether a session without a pipeline must first be rebuilt. Raises ProtocolError `conflict`."""
     if isinstance(command, Edit) and session.is_repeated(command):
         return False
     if not session.has_records:  # only a peer's journal has them, and the edits

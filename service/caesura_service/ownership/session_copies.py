@@ -1,4 +1,4 @@
-"""Reads the own journal and its peers, to find the copy of a session that is furthest along."""
+"""Reads the own journal and its peers, to find the copy of a session with the most records."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from caesura_service.journal import AppliedEdit, Copy, Journal, Outcome, PeerCop
 
 
 class SessionCopies(NamedTuple):
-    """The own and the furthest peer copy of one session; at least one of the two."""
+    """This instance's copy of a session and the peer copy with the most records; at least one of the two."""
 
     own: Copy | None
     peer: PeerCopy | None  # the furthest one among the peer journals
 
     @property
     def best(self) -> Copy:
-        """Return the copy that is furthest along; the local one if the peer's has nothing more."""
+        """Return the copy with the most records; the own one if the peer's has no more."""
         return max(self._all, key=lambda copy: copy.progress[:-1])
 
     @property
@@ -30,7 +30,7 @@ class SessionCopies(NamedTuple):
 
 
 class JournalSet:
-    """Reads all journals and writes to none."""
+    """Reads all journals and writes to none of them."""
 
     def __init__(self, own: Journal, peers: PeerJournals) -> None:
         self._own = own
@@ -38,7 +38,7 @@ class JournalSet:
 
     @property
     def is_complete(self) -> bool:
-        """Whether every journal could be read when it was last asked."""
+        """Whether every journal could be read at the last access."""
         return self._peers.is_complete
 
     def stations(self) -> frozenset[str]:
@@ -58,11 +58,11 @@ class JournalSet:
         return dict(sorted(known.items(), key=lambda item: item[1].opened))
 
     def epoch_of(self, station: str) -> int:
-        """Return the highest epoch under which any instance had the station; -1 if none had."""
+        """Return the highest epoch under which any instance owned the station; -1 if none did."""
         return max(self._own.epoch_of(station), self.peer_epoch_of(station))
 
     def peer_epoch_of(self, station: str) -> int:
-        """Return the highest epoch under which another instance had the station; -1 if none had."""
+        """Return the highest epoch under which another instance owned the station; -1 if none did."""
         return self._peers.epoch_of(station)
 
     def readable_peer_epochs_of(self, stations: Iterable[str]) -> Mapping[str, int]:
@@ -80,11 +80,13 @@ class JournalSet:
         return self._own.outcome(*copies.best.key)
 
     def own_records(self, copy: Copy) -> Iterator[Record]:
-        """Return the own journal's records of a session. Raises JournalError or ProtocolError on the way."""
+        """Return the own journal's records of a session. Raises JournalError or ProtocolError while
+        iterating.
+        """
         return self._own.replay(*copy.key)
 
     def own_edits(self, copy: Copy) -> Sequence[AppliedEdit]:
-        """Return the edits among them. Raises as `own_records`."""
+        """Return the edits among the own journal's records. Raises as `own_records`."""
         return self._own.edits(*copy.key) if copy.edits else ()
 
     def peer_edits(self, found: PeerCopy) -> Sequence[AppliedEdit]:
@@ -94,6 +96,6 @@ class JournalSet:
     def peer_records(self, found: PeerCopy, first_seq: int) -> Iterator[Record]:
         """Return a peer's records of a session without batches before `first_seq`, up to a damaged one.
 
-        Raises PeerJournalError on the way.
+        Raises PeerJournalError while iterating.
         """
         return self._peers.records(found, first_seq)

@@ -11,7 +11,7 @@ from caesura_service.sessions.session import Session
 
 @dataclass(frozen=True)
 class SessionIndex:
-    """The sessions after the last one was added or removed; each state is always current."""
+    """The sessions since one was last added or removed; their states are always the current ones."""
 
     sessions: Mapping[str, tuple[Session, ...]]  # by station, newest last
 

@@ -1,4 +1,4 @@
-"""The limit of stations that an instance holds: which of them make room for another."""
+"""The limit of stations per instance: which stations are released to make room for another."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ Stations = Mapping[str, Mapping[str, Session]]  # the sessions by name, by stati
 
 
 class StationLimit:
-    """The times at which stations last sent something, and the stations to release beyond the limit.
+    """The last message times of stations, and the stations to release beyond the limit.
 
-    is_busy: whether work on a station is under way, which keeps it.
+    is_busy: returns whether work on a station is in progress; such a station is not released.
     """
 
     def __init__(self, limits: Limits, is_busy: Callable[[str], bool]) -> None:
@@ -22,19 +22,19 @@ class StationLimit:
         self._received_s: dict[str, float] = {}  # [s]
 
     def received(self, station: str, now: float) -> None:
-        """A station has sent something."""
+        """Record that a station has sent a message. now: [s]."""
         self._received_s[station] = now
 
     def began(self, station: str, now: float) -> None:
-        """A station is held from now on, unless it has been before."""
+        """Record that a station is held from now on, unless it was before. now: [s]."""
         self._received_s.setdefault(station, now)
 
     def forget(self, station: str) -> None:
-        """A station is no longer held."""
+        """Remove a station that is no longer held."""
         self._received_s.pop(station, None)
 
     def check_has_room(self, stations: Stations, station: str, now: float) -> None:
-        """Raise ProtocolError `overloaded` for a new station where no other can be released for it."""
+        """Raise ProtocolError `overloaded` for a new station if no other can be released for it."""
         most = self._limits.stations
         if station in stations or len(stations) < most or self._in_order(stations, now):
             return
@@ -43,15 +43,15 @@ class StationLimit:
         raise ProtocolError("overloaded", why, value=station, limit=most)
 
     def beyond(self, stations: Stations, now: float) -> list[str]:
-        """Return the stations to release, as many as there are beyond the limit where so many can be."""
+        """Return the stations to release: those beyond the limit, or fewer if not enough can be released."""
         excess = len(stations) - self._limits.stations
         return self._in_order(stations, now)[:excess] if excess > 0 else []
 
     def _in_order(self, stations: Stations, now: float) -> list[str]:
-        """Return the stations that make room for another, the first one first.
+        """Return the stations that can be released, in the order of release.
 
-        Those without an open session, by the opening of their last one; then those that are silent for
-        `silent_s` or longer: a bridge that is there sends heartbeats.
+        First those without an open session, by the opening of their last one; then those without a message
+        for `silent_s` or longer, because a connected bridge sends heartbeats.
         """
         idle = [station for station in stations if not self._is_busy(station)]
         has_open = {name: any(one.is_open for one in stations[name].values()) for name in idle}
@@ -64,5 +64,5 @@ class StationLimit:
 
 
 def last_opened(sessions: Mapping[str, Session]) -> float:
-    """Return when the last of the sessions was opened [s]; 0 where that is not known."""
+    """Return the time [s] at which the last of the sessions was opened; 0 if it is unknown."""
     return max((session.state.opened or 0.0 for session in sessions.values()), default=0.0)

@@ -1,7 +1,8 @@
 """The stations that this instance owns, under which epoch, and those being taken over.
 
-A takeover sets the epoch: the time of day [ms], raised above every epoch under which this instance or one
-beside it ever owned the station. So the last owner has the highest epoch, whatever the clock did.
+A takeover sets the epoch: the time of day [ms], or more, so that it exceeds every epoch under which this or
+another instance ever owned the station. So the last owner has the highest epoch, also after a change of the
+clock.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ class StationOwnership:
     """The owned stations by name, with their epochs."""
 
     def __init__(self, me: Owner, own: Journal, journals: JournalSet) -> None:
-        """me: this instance, with the lowest epoch that it publishes under."""
+        """me: this instance, with the lowest epoch under which it publishes."""
         self.served: Set[str] | None = None  # the stations of this instance; None: all
         self._instance = me
         self._own = own
@@ -34,11 +35,11 @@ class StationOwnership:
         self.superseded: set[str] = set()  # stations to take over again: another instance has served them
 
     def owner(self, station: str, now: float) -> Owner:
-        """Return this instance with its epoch at a station, which is acquired where it is not owned."""
+        """Return this instance with its epoch at a station; acquire a station that it does not own."""
         return self._owners.get(station) or self.acquire(station, now)
 
     def acquire(self, station: str, now: float) -> Owner:
-        """Own a station under a higher epoch than any owner had. now: [s] time of day."""
+        """Acquire a station under a higher epoch than any owner had. now: time of day [s]."""
         before = self._owners.get(station, Owner(self._instance.instance, self._instance.epoch - 1)).epoch
         last = max(before, self._journals.epoch_of(station))
         owner = Owner(self._instance.instance, max(int(now * 1000), last + 1))
@@ -49,24 +50,26 @@ class StationOwnership:
         return owner
 
     def _store_epoch(self, station: str) -> None:
-        """Store the epoch where that failed before. Raises JournalError."""
+        """Store the epoch if an earlier attempt failed. Raises JournalError."""
         if station in self._unstored:
             self._own.store_epoch(station, self._owners[station].epoch)
             self._unstored.discard(station)
 
     def is_superseded(self, station: str) -> bool:
-        """Whether another instance has acquired the station since this one did. Raises JournalError."""
+        """Return whether another instance has acquired the station since this one did. Raises
+        JournalError.
+        """
         mine = self._owners.get(station)
         return mine is not None and self._journals.peer_epoch_of(station) > mine.epoch
 
     def check_current(self, station: str) -> None:
-        """Raise JournalSupersededError where another instance has acquired the station since.
+        """Raise JournalSupersededError if another instance has acquired the station since this one did.
 
-        Asked before anything but batches is recorded, and again before it is acknowledged: who acquires a
-        station reads the journals after that, so one of the two finds the other.
-        An instance that was frozen does not know that it lost its stations. What it recorded then would
-        count as much as what their owner has acknowledged. A journal that cannot be read says nothing.
-        Raises JournalError where the own epoch, by which the other one learns that, cannot be stored.
+        Called before any record except a batch is written, and again before it is acknowledged. The acquiring
+        instance reads the journals after it has stored its epoch, so one of the two instances detects the
+        other. An instance that was frozen has not noticed the loss of its stations, and its records would
+        count as much as those of the owner. A journal that cannot be read is ignored. Raises JournalError if
+        the own epoch, which the other instance must find, cannot be stored.
         """
         self._store_epoch(station)
         if self._superseded_among({station}):
@@ -82,22 +85,22 @@ class StationOwnership:
         self._behind.pop(station, None)
 
     def fall_behind(self, station: str, why: str) -> None:
-        """Reject messages of the station until `catch_up`, and have it taken over again."""
+        """Reject messages of the station until `catch_up`, and request another takeover."""
         self._behind[station] = why
         self.superseded.add(station)
 
     def is_behind(self, station: str) -> bool:
-        """Whether records of the station are missing here."""
+        """Whether this instance lacks records of the station."""
         return station in self._behind
 
     def catch_up(self, station: str) -> None:
-        """All that other instances have recorded of the station is here."""
+        """Record that this instance has all records of the station by other instances."""
         self._behind.pop(station, None)
 
     def may_be_behind(self, stations: Set[str]) -> Set[str]:
-        """Return the stations that another instance may have served since; any thread may ask.
+        """Return the stations that another instance may have served since; any thread may call it.
 
-        What this instance has of them then is not shown: corrections that were acknowledged would be missing.
+        This instance then does not answer queries for them: acknowledged corrections could be missing.
         """
         is_uncertain = self.is_unlinked or self.is_settling
         asked = stations if is_uncertain else stations & {*self._taking_over}
@@ -105,7 +108,7 @@ class StationOwnership:
         return behind | self._superseded_among(asked - behind)
 
     def _superseded_among(self, stations: Set[str]) -> Set[str]:
-        """Return those that another instance has acquired since, as far as the journals can be read."""
+        """Return those that another instance has acquired since, according to the readable journals."""
         mine = {name: owner.epoch for name in stations if (owner := self._owners.get(name)) is not None}
         if not mine:
             return frozenset()
@@ -133,15 +136,15 @@ class StationOwnership:
         return station in self._taking_over or station in self._behind
 
     def stations_in_takeover(self) -> tuple[str, ...]:
-        """Return the stations that are being taken over; any thread may ask."""
+        """Return the stations that are being taken over; any thread may call it."""
         return (*self._taking_over, *self._behind)
 
     def serves(self, station: str) -> bool:
-        """Whether messages of the station are accepted now; any thread may ask."""
+        """Whether messages of the station are accepted now; any thread may call it."""
         return self.rejection_reason(station) is None
 
     def rejection_reason(self, station: str) -> str | None:
-        """Return why messages of the station are rejected now; None where they are accepted."""
+        """Return why messages of the station are rejected now; None if they are accepted."""
         if self.served is not None and station not in self.served:
             return "another instance serves this station: try again"
         if (why := self._behind.get(station)) is not None:

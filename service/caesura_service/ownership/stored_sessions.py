@@ -1,7 +1,7 @@
-"""Sessions that ended and are no longer held: their outcomes, read from the journal page by page.
+"""Closed sessions that are no longer in memory: their outcomes, read from the journal page by page.
 
 An instance answers for the stations that it serves, from its own journal. A session whose outcome was not
-written, or only in another instance's journal, is not listed, and does not fill a page.
+written, or is only in another instance's journal, is not listed and does not count for a page.
 """
 
 from __future__ import annotations
@@ -20,21 +20,23 @@ PAGE_BYTES = 1 << 26  # of the records of a page's sessions, beyond the first
 
 
 class StoredSessions:
-    """Any thread may call it."""
+    """The outcomes of stored sessions. Any thread may call the methods."""
 
     def __init__(
         self, journal: Journal, index: Callable[[], SessionIndex], serves: Callable[[str], bool]
     ) -> None:
-        """index: the sessions of this instance; serves: whether a station is this instance's now."""
+        """index: the sessions of this instance; serves: returns whether this instance owns a station."""
         self._journal, self._index, self._serves = journal, index, serves
 
     def answers_for(self, station: str, session: str) -> bool:
-        """Whether the station is this instance's, and the session is not held. Any thread may ask."""
+        """Whether this instance owns the station, and the session is not in memory. Any thread may call
+        it.
+        """
         held = self._index().sessions.get(station, ())
         return self._serves(station) and all(one.name != session for one in held)
 
     def page(self, matches: Callable[[Key], bool], wanted: StoredPage) -> Iterator[Snapshot]:
-        """The outcomes of a page, the newest session first; at most PAGE_BYTES. Raises JournalError."""
+        """Yield the outcomes of a page, the newest session first; at most PAGE_BYTES. Raises JournalError."""
         asked = (one for one in self._journal.outcomes() if matches(one.key) and self.answers_for(*one.key))
         size, left = 0, wanted.limit
         for one in islice(asked, wanted.skip, None):
@@ -46,17 +48,17 @@ class StoredSessions:
                 yield _edited(outcome.snapshot, wanted.edits)
 
     def has(self, station: str, session: str) -> bool:
-        """Whether the journal has the outcome of a session that is not held. Raises JournalError."""
+        """Whether the journal has the outcome of a session that is not in memory. Raises JournalError."""
         return self.answers_for(station, session) and self._journal.outcome(station, session) is not None
 
     def program(self, station: str, session: str) -> Program | None:
-        """The program of an outcome, with its edits; None without one. Raises JournalError."""
+        """Return the program of an outcome, with its edits; None without one. Raises JournalError."""
         outcome = self._journal.outcome(station, session)
         return None if outcome is None else _edited(outcome.snapshot).program
 
 
 def _edited(snapshot: Snapshot, number: int | None = None) -> Snapshot:
-    """An outcome has the inferred program and a list of edits; here they are applied, up to a number."""
+    """Return the snapshot of an outcome with the edits up to a number applied to its inferred program."""
     inferred, log = snapshot.program, log_of(snapshot.program)
     if number is None:
         program = with_edits(inferred, log, pause=give_way)

@@ -1,9 +1,9 @@
-"""A session taken over: from its outcome, from own records, and from those of another instance beyond them.
+"""Takes over a session: from its outcome, from own records, and from further records of another instance.
 
-The records of another instance are processed like messages of a bridge: they pass the same checks and are
-recorded here; duplicates are skipped. So the progress of either instance does not matter, and batches that
-are damaged are requested from the bridge. What cannot be read or recorded just now is tried again, and the
-station is not served until then.
+The records of another instance are processed like messages of a bridge: they are validated and recorded in
+the own journal; duplicates are skipped. So either instance may have more records, and damaged batches are
+requested from the bridge. Records that cannot be read or written now are retried, and the station is not
+served until then.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ Steps = Generator[list[Output], None, Session | None]  # gives way after every r
 
 
 class NotRecordedError(JournalError):
-    """Raised where a record of another instance's session cannot be read or recorded here, so far."""
+    """A record of another instance's session cannot be read, or recorded by this instance, now."""
 
 
 class SessionFactory:
-    """Makes sessions on one journal."""
+    """Makes sessions that record into one journal."""
 
     def __init__(
         self,
@@ -50,7 +50,7 @@ class SessionFactory:
         limits: Limits,
         check_current: Callable[[str], None],
     ) -> None:
-        """check_current: raises JournalError where another instance owns a station now."""
+        """check_current: raises JournalError if another instance owns a station now."""
         self._pipeline_factory = pipeline_factory
         self._default_preset = default_preset
         self._journal = journal
@@ -94,7 +94,7 @@ class SessionFactory:
 
 
 class Takeover:
-    """Brings sessions of one journal and its peers up to the furthest copy."""
+    """Brings sessions of one journal and its peers up to the copy with the most records."""
 
     def __init__(self, factory: SessionFactory, journals: JournalSet, own: Journal) -> None:
         self._factory = factory
@@ -103,7 +103,7 @@ class Takeover:
         self._peer_only: set[Key] = set()  # closed sessions that only a peer has
 
     def take_over_session(self, copies: SessionCopies, held: Session | None, owner: Owner) -> Steps:
-        """Return the session up to its furthest copy; None where unreadable. held: the one in memory."""
+        """Return the session up to its best copy; None if unreadable. held: the one in memory."""
         ended_elsewhere = copies.best.closed and (held is None or held.is_open)
         behind = ended_elsewhere or (held is not None and is_behind(held, copies))
         if copies.best.closed and behind:
@@ -115,7 +115,7 @@ class Takeover:
         return (yield from self.rebuild(copies, owner))
 
     def rebuild(self, copies: SessionCopies, owner: Owner) -> Steps:
-        """Return the session replayed from all its records; None where they do not suffice.
+        """Return the session replayed from all its records; None if they are incomplete.
 
         Raises NotRecordedError.
         """
@@ -127,7 +127,7 @@ class Takeover:
     def vanished_sessions(self) -> list[Key]:
         """Return the closed sessions that only a peer had and has deleted; each once.
 
-        None of them while a journal cannot be read: what it has is not deleted.
+        Empty while a journal cannot be read, because its sessions may still exist.
         """
         known = {
             station: self._journals.copies_of_station(station)
@@ -140,7 +140,10 @@ class Takeover:
         return gone
 
     def _from_outcome(self, copies: SessionCopies, owner: Owner) -> Session | None:
-        """Restore a closed session from its outcome in the best copy; a local copy without it is unused."""
+        """Restore a closed session from the outcome of its best copy; None without a current outcome.
+
+        An own copy that is not the best one is deleted.
+        """
         station, name = copies.best.key
         outcome = self._journals.outcome(copies)
         if outcome is None or not is_current(outcome, copies.best):
@@ -172,7 +175,9 @@ class Takeover:
             return None
 
     def _replay_readable(self, copy: Copy, owner: Owner) -> Generator[list[Output], None, Session]:
-        """Replay a session, once more where it may only have been unreadable. Raises JournalError."""
+        """Replay a session; repeat it once if it may have been temporarily unreadable. Raises
+        JournalError.
+        """
         try:
             return (yield from self._replay_own(copy, owner))
         except JournalMalformedError:
@@ -188,7 +193,7 @@ class Takeover:
         return session
 
     def _open_from_peer(self, copies: SessionCopies, owner: Owner) -> Session:
-        """Open the session as a peer has recorded it, and record that here."""
+        """Open the session from a peer's record of its opening, and record that in the own journal."""
         assert copies.peer is not None
         with _recording(copies):
             first = next(self._journals.peer_records(copies.peer, 0), None)
@@ -200,10 +205,11 @@ class Takeover:
         return session
 
     def _apply_peer(self, session: Session, copies: SessionCopies) -> Steps:
-        """Bring a session up to a peer's copy; return None where the station's share is too small for that.
+        """Bring a session up to a peer's copy; return None if the station's share of the journal is too small
+        for that.
 
-        Without the rest it would show less than was acknowledged, and a new correction would take the place
-        of one that is missing. Raises NotRecordedError.
+        An incomplete session would lack acknowledged records, and a new correction would get the number of a
+        missing one. Raises NotRecordedError.
         """
         assert copies.peer is not None
         records = self._journals.peer_records(copies.peer, session.next_seq)
@@ -220,7 +226,7 @@ class Takeover:
 
 
 def is_behind(session: Session, copies: SessionCopies) -> bool:
-    """Whether a peer's copy is further than the session in memory."""
+    """Return whether a peer's copy has more records than the session in memory."""
     if copies.peer is None:
         return False
     peer = copies.peer.copy
@@ -230,14 +236,17 @@ def is_behind(session: Session, copies: SessionCopies) -> bool:
 
 
 def is_current(outcome: Outcome, copy: Copy) -> bool:
-    """Whether no correction or annotation came after it: the power may go before it is stored anew."""
+    """Return whether an outcome contains all corrections and annotations of a copy.
+
+    After a power failure a later one may be recorded and not yet be in the outcome.
+    """
     status, program = outcome.snapshot.status, outcome.snapshot.program
     return (status.revision, status.described + program.edit_revision) == (copy.edits, copy.described)
 
 
 @contextmanager
 def _recording(copies: SessionCopies) -> Iterator[None]:
-    """Raise a JournalError of the context as NotRecordedError, but for the share of the station."""
+    """Raise a JournalError of the context as NotRecordedError, except JournalShareError."""
     try:
         yield
     except JournalShareError:

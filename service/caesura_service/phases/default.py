@@ -1,10 +1,10 @@
 """The parameters of the phase model `default`, estimated from demonstrations.
 
-Durations, and how often a phase ends or is interrupted, were counted on the segments that are found in the
-development people's wiping, peeling, screwing, pouring, contour and peg tasks (seeds 1 to 6), and rounded. A
-cycle is rare; it is long, and its end is near its beginning. Once they have come round, two wipes of a rim in
-`icsc` and the circles of these people retrace all of their way, and peels 0.88 and more. A whole recording of
-`delft` retraces at most 0.22.
+Durations, and the frequencies of ends and interruptions of a phase, were counted on the segments found in
+wiping, peeling, screwing, pouring, contour and peg tasks of the simulated development persons (seeds 1 to 6),
+and rounded. A cycle is rare; it is long, and its end is near its beginning. After their first round, two
+wipes of a rim in `icsc` and the circles of these persons retrace all of their path, and peels at least 0.88
+of it. A whole recording of `delft` retraces at most 0.22.
 """
 
 from __future__ import annotations

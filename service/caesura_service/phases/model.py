@@ -5,23 +5,23 @@ contact state; a run of others inside it is an interruption: the tool lifts off 
 segment of a phase of kind k emits
 
 - its contact state (free, contact, transport), by `PhaseKind.own` or, in an interruption, `aside`,
-- its duration, log-normal (`own_s`, `aside_s`); of a segment that still grows, that it lasts so long, or is a
-  rest with which the demonstration has ended: until an operator stops it, that lasts any time,
+- its duration, log-normal (`own_s`, `aside_s`); for a segment that still grows, the survival probability of its
+  duration so far. The rest at the end of a demonstration may have any duration, until an operator stops it,
 - whether it moves, and how far, normal on each axis (`moving`, `step_m`): a cycle ends where it began.
   A rest between two phases in one contact state, such as a reach and a circle, belongs to the first,
-- where a phase is resumed after an interruption: near an end of one of its strokes with probability
-  `repeats`, or else anywhere in the work space. A stroke that is repeated keeps a phase together,
-- how much of its way goes over the way of its phase again (`retracing`). A cycle does so, once it has come
-  round; another movement in the air does so by chance. What lies before the way that is gone over again does
-  not belong to the cycle. A cycle that has not come round seldom ends (`Parameters.left_open`).
+- the place at which a phase is resumed after an interruption: near an end of one of its strokes with probability
+  `repeats`, otherwise anywhere in the work space. So repeated strokes belong to one phase,
+- the share of its path that retraces the path of its phase (`retracing`). A cycle retraces it from the second
+  round on; another movement in the air does so by chance. The path before the retraced part does not belong to
+  the cycle. A cycle that has not retraced its path seldom ends (`Parameters.left_open`).
 
-A segment's own state is uncertain, too: its likelihood is that of its class and of the runner-up, less a
-share for models that are only nearly right (`Parameters.wrong`). Class probabilities contain the prior
-weight of their kinds. The likelihood leaves it out (`Parameters.priors`), because the phases have a prior of
-their own: a load that is rare is not counted as rare twice.
+A segment's contact state is uncertain: its likelihood follows from its class and the runner-up, reduced by a
+share for wrong models (`Parameters.wrong`). Class probabilities contain the prior weight of their kinds. The
+likelihood divides it out (`Parameters.priors`), because phases have a prior of their own; otherwise the
+rarity of a load would count twice.
 
-Segments are found, and some are cut where nothing ends. A share of them (`Parameters.cut`) is a piece of any
-length. So a piece of 0.1 s is weak evidence of what kind of phase it is in.
+Some segments end at a false boundary. A share of them (`Parameters.cut`) is a piece of any duration. So a
+piece of 0.1 s is weak evidence of the kind of its phase.
 """
 
 from __future__ import annotations
@@ -105,8 +105,8 @@ class Parameters:
     share that ends a demonstration. near_m, far_m [m]: standard deviation per axis of the place where a
     stroke is repeated, and of any other place of the tool. again, by_chance: the share of its way that a
     cycle retraces, and another movement; ways of `retracing.APART` times near_m do so independently.
-    left_open: how often a cycle that has not come round ends, relative to one that has. memory: segments of a
-    phase that its next one may repeat.
+    left_open: how often a cycle that has not retraced its path ends, relative to one that has. memory:
+    segments of a phase that its next one may repeat.
     """
 
     kinds: tuple[PhaseKind, ...]
@@ -264,13 +264,14 @@ class Chain:
     def ends(self, segment: SegmentFeatures) -> Array:
         """Return the weight (states,) of a phase's end after a segment.
 
-        It is 1, but `left_open` for a cycle that has not come round.
+        It is 1; for a cycle that has not retraced its path, `left_open`.
         """
         is_open = self._retraces & ~np.isfinite(segment.retraced.first)[self.age - 1]
         return np.where(is_open, self.parameters.left_open, 1.0)
 
     def _log_retraced(self, of_segment: Retraced) -> Array:
-        """Return the log weight (memory,) of a cycle by the pieces that a segment retraces, and does not.
+        """Return the log weight (memory,) of a cycle, from the numbers of retraced and other pieces of a
+        segment.
 
         The index is the age of the phase.
         """
@@ -282,7 +283,8 @@ class Chain:
         return found
 
     def _log_lasts(self, duration: LogNormal, end: float, segment: SegmentFeatures) -> float:
-        """Log density [1/s] of a duration, whole or cut; where the segment grows, that it lasts so long.
+        """Return the log density [1/s] of a duration, whole or cut; for a growing segment its log survival
+        probability.
 
         end: probability that a demonstration which ends with this segment ends in such a state.
         """
@@ -295,9 +297,10 @@ class Chain:
         return math.log(max(lasts, LEAST))
 
     def resumed(self, segment: SegmentFeatures, before: Sequence[SegmentFeatures]) -> Array:
-        """Return the weight (states,) of resuming a phase at this place over resuming it anywhere.
+        """Return the density of resuming a phase at the segment's start, relative to resuming it anywhere.
 
-        States are those before. before: the segments before it, the last one last.
+        The result (states,) is by the state before the segment. before: the earlier segments, the last one
+        last.
         """
         earlier = before[: -self.parameters.memory - 1 : -1]
         weight = np.ones((len(self.parameters.kinds), self.parameters.memory))
@@ -327,7 +330,7 @@ class Chain:
 
 
 def _log_step(kind: PhaseKind, segment: SegmentFeatures) -> float:
-    """Log density [1/m³] of whether a segment moves, and how far."""
+    """Return the log density [1/m³] of whether a segment moves, and of its displacement."""
     if not segment.moves:
         return math.log(1.0 - kind.moving)
     step = (segment.end - segment.start) / kind.step_m

@@ -81,7 +81,7 @@ def next_step(
 
 
 def settled(step: ForwardStep) -> ForwardStep:
-    """Return the step without the states that are all but impossible: no later segment brings them back."""
+    """Return the step without the states of negligible probability: no later segment can make them likely."""
     alive = step.share >= ALIVE
     share = np.where(alive, step.share, 0.0)
     return replace(step, share=share / share.sum(), log_best=np.where(alive, step.log_best, -np.inf))
@@ -120,9 +120,9 @@ def best_states(steps: Sequence[ForwardStep], last: int) -> list[int]:
 
 
 def decided(steps: Sequence[ForwardStep]) -> tuple[int, int]:
-    """Return up to which segment all best paths agree, and on which state there; (-1, -1) for none.
+    """Return the last segment up to which all best paths agree, and its state; (-1, -1) for none.
 
-    The segment is the last one at which all states that are alive after the last step have one ancestor.
+    It is the last segment at which all states that are possible after the last step have one ancestor.
     """
     states = set(np.flatnonzero(np.isfinite(steps[-1].log_best)).tolist())
     for index in range(len(steps) - 1, 0, -1):

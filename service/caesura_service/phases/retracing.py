@@ -1,7 +1,7 @@
-"""The part of a movement that goes over the way of its phase again.
+"""The part of a movement that retraces the path of its phase.
 
-A way is cut into pieces of `PIECE_M`. A piece is retraced where an earlier piece of the phase lies nearby, in
-the same direction, and the way between the two is longer than they are apart: a stroke does not retrace
+A path is cut into pieces of `PIECE_M`. A piece is retraced if an earlier piece of the phase is nearby and has
+the same direction, and the path between the two is longer than their distance. So a stroke does not retrace
 itself, and a way back does not retrace the way there.
 """
 
@@ -23,7 +23,7 @@ APART = 3.0  # times how near it comes to an earlier piece: how much longer the 
 
 
 class Way(NamedTuple):
-    """Pieces of the way of a segment: their middles [m] and steps [m] (n, 3)."""
+    """The pieces of a segment's path: their midpoints [m] and displacements [m] (n, 3)."""
 
     middles: Array
     steps: Array
@@ -32,11 +32,10 @@ class Way(NamedTuple):
 class Retraced(NamedTuple):
     """The pieces that a segment retraces, as (memory,) by the number of segments its phase has with this one.
 
-    again: pieces of the segment that are retraced; astray: those that are not, although the phase has
-    retraced its way before. first: number of the first piece of the phase that is retraced so far, infinite
-    where none is: the phase has not come round. more_outside: pieces of the phase before that one are no part
-    of a cycle; by how many they are more than without this segment. pieces: of the demonstration, up to the
-    end of the segment.
+    again: number of pieces of the segment that retrace; astray: number of those that do not, although the
+    phase has retraced its path before. first: number of the first piece of the phase that is retraced so far,
+    infinite if none is. more_outside: increase, by this segment, of the number of pieces before `first`,
+    which are not part of a cycle. pieces: number of pieces of the demonstration up to the end of the segment.
     """
 
     again: Array
@@ -50,7 +49,7 @@ NO_WAY = Way(np.zeros((0, 3)), np.zeros((0, 3)))
 
 
 def way_of(places: Array) -> Way:
-    """Return the way through places (m, 3) [m]; it has no pieces where it is shorter than one."""
+    """Return the pieces of the path through places (m, 3) [m]; none if it is shorter than one."""
     ends = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1)))
     borders = PIECE_M * np.arange(int(ends[-1] / PIECE_M) + 1)[-MOST_PIECES - 1 :]
     at = np.stack([np.interp(borders, ends, axis) for axis in places.T], axis=1)
@@ -92,7 +91,9 @@ def retraced(way: Way, before: Sequence[tuple[Way, Retraced]], near_m: float, me
 
 
 def _follows(way: Way, other: Way, pieces_between: NDArray[np.int64], near_m: float) -> NDArray[np.bool_]:
-    """Return whether each piece goes over one of another way, (n, m); pieces_between: from that to this."""
+    """Return whether each piece retraces one of another path, (n, m); pieces_between: from that one to
+    this.
+    """
     apart = way.middles[:, None] - other.middles
     near = np.vecdot(apart, apart) < near_m**2
     lengths = np.linalg.norm(way.steps, axis=1)[:, None] * np.linalg.norm(other.steps, axis=1)

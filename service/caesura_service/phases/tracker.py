@@ -1,8 +1,8 @@
 """Tracks the phases of a live demonstration: final ones are stored, the others regrouped at each update.
 
-What settles is taken one segment at a time, so the phases do not depend on when they are read. After each
+Settled segments are processed one at a time, so the phases do not depend on when they are read. After each
 settled segment, states with a probability below `posterior.ALIVE` are dropped. A phase is final once all
-states that are left agree on it; nothing that comes later changes it.
+remaining states agree on it; no later segment changes it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ WAY_S = 60.0  # of a segment, its end, whose way is looked at
 
 
 class _PhaseRun(NamedTuple):
-    """Consecutive segments, first to last, of one phase. aside: whether the last one interrupts it."""
+    """Consecutive segments, first to last, of one phase. aside: whether the last one is an interruption."""
 
     kind: PhaseKind
     probability: float
@@ -43,7 +43,7 @@ class _PhaseRun(NamedTuple):
 
 
 class _CachedStep(NamedTuple):
-    """A segment with the step that it made, to be used again where it stays as it is."""
+    """A segment with its forward step, for reuse while the segment is unchanged."""
 
     segment: Segment
     seen: SegmentFeatures
@@ -53,7 +53,7 @@ class _CachedStep(NamedTuple):
 class PhaseTracker:
     """Groups the segments of one demonstration.
 
-    places_between: where it led through (n, 3) [m], from one time to another [s].
+    places_between: returns the positions (n, 3) [m] between two times [s].
     """
 
     def __init__(self, chain: Chain, places_between: PlacesBetween) -> None:
@@ -68,7 +68,7 @@ class PhaseTracker:
 
     @property
     def settled(self) -> int:
-        """The number of segments that have settled; the next look begins with this one."""
+        """The number of settled segments; the next `look` begins with this one."""
         return self._settled
 
     def look(self, segments: Sequence[Segment], *, finished: bool) -> tuple[list[Phase], list[Phase]]:
@@ -88,7 +88,7 @@ class PhaseTracker:
         return newly, [_phase(group, "final" if finished else "provisional") for group in groups]
 
     def settle(self, segment: Segment) -> None:
-        """Take segment number `settled`, which nothing can change any more."""
+        """Process segment number `settled`, which can no longer change."""
         self._looked = []
         one = self._step(segment, self._kept, grows=False)
         self._kept.append(one._replace(step=settled(one.step)))
@@ -98,7 +98,9 @@ class PhaseTracker:
             self._decide(index, state)
 
     def _decide(self, index: int, state: int) -> None:
-        """Keep what lies before a segment, by its number among the kept ones, as its state's best path."""
+        """Store the phases before a segment, by its number among the kept ones, from its state's best
+        path.
+        """
         steps = [one.step for one in self._kept]
         states = best_states(steps[: index + 1], state)
         sure = posterior(self._chain, steps, ended=False)
@@ -110,7 +112,7 @@ class PhaseTracker:
         self._kept, self._first = self._kept[index:], self._first + index
 
     def _follow(self, segments: Sequence[Segment], *, finished: bool) -> list[_CachedStep]:
-        """Return the steps of the segments that have not settled; unchanged segments keep their steps."""
+        """Return the forward steps of the unsettled segments; unchanged segments keep their steps."""
         looked: list[_CachedStep] = []
         for segment in segments:
             grows = segment is segments[-1] and not finished

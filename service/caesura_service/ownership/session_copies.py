@@ -9,7 +9,7 @@ from caesura_service.journal import AppliedEdit, Copy, Journal, Outcome, PeerCop
 
 
 class SessionCopies(NamedTuple):
-    """This instance's copy of a session and the peer copy with the most records; at least one of the two."""
+    """The own copy of a session and the peer copy with the most records; at least one of the two."""
 
     own: Copy | None
     peer: PeerCopy | None  # the furthest one among the peer journals

@@ -5,15 +5,16 @@ contact state; a run of others inside it is an interruption: the tool lifts off 
 segment of a phase of kind k emits
 
 - its contact state (free, contact, transport), by `PhaseKind.own` or, in an interruption, `aside`,
-- its duration, log-normal (`own_s`, `aside_s`); for a segment that still grows, the survival probability of its
-  duration so far. The rest at the end of a demonstration may have any duration, until an operator stops it,
+- its duration, log-normal (`own_s`, `aside_s`); for a segment that still grows, the survival probability of
+  its duration so far. The rest at the end of a demonstration may have any duration, until an operator stops
+  it,
 - whether it moves, and how far, normal on each axis (`moving`, `step_m`): a cycle ends where it began.
   A rest between two phases in one contact state, such as a reach and a circle, belongs to the first,
-- the place at which a phase is resumed after an interruption: near an end of one of its strokes with probability
-  `repeats`, otherwise anywhere in the work space. So repeated strokes belong to one phase,
+- the place at which a phase is resumed after an interruption: near an end of one of its strokes with
+  probability `repeats`, otherwise anywhere in the work space. So repeated strokes belong to one phase,
 - the share of its path that retraces the path of its phase (`retracing`). A cycle retraces it from the second
-  round on; another movement in the air does so by chance. The path before the retraced part does not belong to
-  the cycle. A cycle that has not retraced its path seldom ends (`Parameters.left_open`).
+  round on; another movement in the air does so by chance. The path before the retraced part does not belong
+  to the cycle. A cycle that has not retraced its path seldom ends (`Parameters.left_open`).
 
 A segment's contact state is uncertain: its likelihood follows from its class and the runner-up, reduced by a
 share for wrong models (`Parameters.wrong`). Class probabilities contain the prior weight of their kinds. The

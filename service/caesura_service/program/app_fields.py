@@ -1,4 +1,4 @@
-"""The fields of an app that an edit may set: how each is read and set, and which apps have it."""
+"""The fields of an app that an edit may set: how each is read and set, and which kinds of app have it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FIELDS: tuple[AppField, ...] = get_args(AppField)
 
 
 def value(app: App, name: str) -> Any:
-    """Return the value of a field as an edit states it; None where the app has none."""
+    """Return the value of a field in the form of an edit; None if the app has none."""
     match name:
         case "force_n":
             return None if app.force is None else math.hypot(*app.force)
@@ -28,7 +28,8 @@ def value(app: App, name: str) -> Any:
 def _set_target(app: App, target: Vector) -> dict[str, Any]:
     """Return the fields of an app with another target.
 
-    It has no joints, because none were taught there. Its path ends at rest, and deviates by the shift more.
+    It has no joints, because none were taught there. Its path ends at rest, and its stated deviation grows by
+    the shift.
     """
     if target == app.target:
         return {}
@@ -51,7 +52,7 @@ def _set_force(app: App, newtons: float) -> dict[str, Any]:
 
 
 def _pressed(rest: RestForce, factor: float, newtons: float) -> RestForce:
-    """Return a rest with its force times a factor, at most that of its stroke or its own before.
+    """Return a rest with its force times a factor, at most the force of its stroke or its own before.
 
     Both of these are within the limit.
     """

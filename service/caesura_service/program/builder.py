@@ -1,4 +1,4 @@
-"""From segments and gripper events to apps. Rules: thesis 4.2.5.
+"""Builds apps from segments and gripper events. Rules: thesis 4.2.5.
 
 - A motion becomes Cartesian Motion, or Move To Contact where contact follows, at once or after a rest.
 - A contact becomes Apply Force, its vector scaled to the limit; where the gripper grasps or lets go
@@ -8,8 +8,8 @@
   the advance and the torque that the robot exerts.
 - Rests are left out, and what `steps` leaves out; but a turn in a rest is a Cartesian Motion. A gripper event
   outside any contact is an app of its own.
-- What moves has the path from where it began to its target (`paths`).
-- What was not observed makes an app less sure (`gaps`).
+- An app that moves has the path from its start to its target (`paths`).
+- A gap lowers the confidence of an app (`gaps`).
 """
 
 from __future__ import annotations
@@ -82,10 +82,10 @@ def task_program(
 ) -> tuple[App, ...]:
     """Return the apps of a demonstration, in time order.
 
-    least_s: minimum time filter [s]; moment_at: the robot at a time [s]; forces are scaled to force_limit_n
-    [N], where there is one; paths: of the demonstration, without them apps have none; gaps: in time order;
-    known: every grip, where `grips` are those of these steps alone; app_before: the last app of the steps
-    before them; up: away from gravity, base frame.
+    least_s: minimum time filter [s]; moment_at: returns the robot's state at a time [s]; force_limit_n: limit
+    [N] to which forces are scaled, or None; paths: of the demonstration, or None for apps without paths;
+    gaps: in time order; known: every gripper action, if `grips` are only those of these steps; app_before:
+    the last app of earlier steps; up: away from gravity, base frame.
     """
     kept = kept_steps(steps, grips if known is None else known, moment_at, least_s, up)
     groups = [list(group) for _, group in groupby(kept, key=_group_key)]
@@ -124,8 +124,8 @@ class _Group:
     def contact(self) -> ProgramSegment | None:
         """The contact that follows the group, at once or after rests; None without one.
 
-        A press after a rest was touched before that rest. None where the fingers move in such a rest: nothing
-        was touched before they did.
+        For a press after a rest, the touch was before that rest. None if the fingers move in such a rest:
+        then nothing was touched before.
         """
         steps = [step for group in self.after for step in group]
         rests = [step.segment for step in takewhile(self._rests, steps)]
@@ -222,7 +222,7 @@ class _Group:
     def fingers_moved(self) -> float | None:
         """Return the time [s] by which the fingers have moved in a rest before a press; None without a move.
 
-        The pressed object was touched after that time.
+        The pressed object is touched only after that time.
         """
         following = self.after[0][0] if self.after else None
         if following is None or not following.touches or following.arrives:
@@ -235,16 +235,18 @@ class _Group:
 
     @property
     def only_touches(self) -> bool:
-        """Whether the group only arrives at a contact that a stroke goes on in, with no press that lasts."""
+        """Whether the group is only the touch of a contact that continues as a stroke, with no lasting
+        press.
+        """
         strokes = self.after[0] if self.after else ()
         goes_on = bool(strokes) and _group_key(strokes[0]) == "sliding"
         return goes_on and len(self.steps) == 1 and only_touches(self.steps[0], self.moment_at)
 
     def landed(self) -> float | None:
-        """Return the time [s] at which a stroke that begins in the air touches.
+        """Return the time [s] at which a stroke that begins in the air touches the surface.
 
-        The way there belongs to the app before. None where the stroke begins in contact or at the start of
-        the program, or touches only at its end.
+        The movement to the surface belongs to the app before. None if the stroke begins in contact or at the
+        start of the program, or touches only at its end.
         """
         first = self.steps[0]
         if first.rests_before or self.before is None or self.before.touches:
@@ -332,7 +334,7 @@ def _contacts(group: _Group) -> Iterable[App]:
 def _shares(grips: Sequence[GripperAction], t0: float, tn: float) -> Sequence[tuple[float, float]]:
     """Return the part (begin, end) [s] of a contact's time that each grip in it has.
 
-    An edit names an app by its beginning, so each grip needs another one.
+    An edit refers to an app by its start, so each grip needs a different one.
     """
     if len(grips) < 2:
         return [(t0, tn)] * len(grips)
@@ -343,7 +345,7 @@ def _shares(grips: Sequence[GripperAction], t0: float, tn: float) -> Sequence[tu
 def _meets(group: _Group) -> bool:
     """Whether the group's last movement ends at the contact that follows.
 
-    A contact that arrives has a Move To Contact of its own, unless a grip belongs to it.
+    A contact that includes its approach has a Move To Contact of its own, unless a grip belongs to it.
     """
     contact = group.contact
     if contact is None:
@@ -420,8 +422,8 @@ def _carries(group: _Group) -> Iterable[App]:
 def _holds_still(step: ProgramSegment, end: _End | None) -> bool:
     """Whether a step of a carry is a Hold rather than a Transport.
 
-    A hold that ends at a contact may carry its load there. It is a Hold if it leads nowhere, or if an
-    operator has named it. end: None where the step does not end at a contact.
+    A hold that ends at a contact may carry its load there. It is a Hold if its displacement is negligible, or
+    if an operator has set its kind. end: None if the step does not end at a contact.
     """
     where = step.segment.position_end if end is None else end.where["target"]
     way_m = math.dist(step.segment.position_start, where)
@@ -441,7 +443,7 @@ _BUILDERS: dict[str, Callable[[_Group], Iterable[App]]] = {
 def _group_key(step: ProgramSegment) -> str:
     """Return the kind of group that a step belongs to.
 
-    Transport and hold are one carry. Pushing in what gives way is part of the press.
+    Transport and hold form one carry. A movement that pushes a yielding object in is part of the press.
     """
     kind, contact = step.segment.kind, step.segment.contact
     if stands(step) and not step.segment.corrected and not step.rests_before and not step.rests_after:

@@ -1,10 +1,10 @@
-"""The steps that touch something, and the places at which the touched object pushes back.
+"""Determines which steps are in contact, and where the touched object pushes back.
 
-- A contact changes the force: what does not is no contact, and goes on as what came before it. What follows a
-  contact and holds its force, without leaving, is still in contact. A sensor drifts by newtons within a
-  recording, and a press is what is added to that.
-- What is held keeps its weight: where its force changes and stays so, it touches. So does a movement before a
-  contact that is pushed back all the way.
+- A contact changes the force. A step that does not change it is no contact, and continues the contact state
+  before it. A step after a contact that keeps its force, without moving away, is still in contact. A sensor
+  drifts by newtons within a recording, so a press is the difference from that drift.
+- A held object keeps its weight: if the force changes and stays changed, the object touches something. So
+  does a movement before a contact that is pushed back all the way.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ def as_touching(before: ProgramSegment | None, step: ProgramSegment, context: Co
     """Return a step in contact with the force before it as its base.
 
     A step that adds less than `PUSHES_BACK_N` is no contact, unless it rests after one. It continues the
-    contact state before it; after a contact, it carries what the fingers hold, or else moves in the air.
+    contact state before it. After a contact, it is a carry if the fingers hold something, or else a movement
+    in the air.
     """
     if before is None or not step.touches:
         return step
@@ -57,8 +58,8 @@ def still_touching(
 ) -> ProgramSegment:
     """Return a step after a contact as a contact, where its force lasts and the tool does not leave.
 
-    A step whose fingers hold something that weighs more has lifted it off: it stays as it is. last: the last
-    step kept.
+    A step in which the held load becomes heavier has lifted it off its support: it is unchanged. last: the
+    last step kept.
     """
     base = base_after(last, context)
     normal, forces = direction(replace(contact, base=base).force), _felt(step, context)
@@ -70,7 +71,8 @@ def still_touching(
 def set_down(
     last: ProgramSegment, step: ProgramSegment, ahead: ProgramSegment | None, context: Context
 ) -> ProgramSegment:
-    """Return a carry, or a short movement into a contact, as a contact where its force changes and stays so.
+    """Return a carry, or a short movement into a contact, as a contact if its force changes and stays
+    changed.
 
     A load keeps its weight, and in the air nothing resists a movement. So a change of `UNLIKE_N`, more than a
     bias can account for, is a touch. A load that weighs more has been lifted off its support: no touch.
@@ -88,25 +90,25 @@ def set_down(
 
 
 def _changed(forces: NDArray[np.float64], base: Vector, context: Context) -> NDArray[np.float64]:
-    """Return the difference (3,) [N] of the median of forces (n, 3) from a base; 0 where none are known."""
+    """Return the difference (3,) [N] of the median of forces (n, 3) from a base; 0 if none is known."""
     return context.median(forces) - base if len(forces) else np.zeros(3)
 
 
 def _is_lifted(step: ProgramSegment, changed: NDArray[np.float64], context: Context) -> bool:
-    """Whether a step carries a load that a change (3,) [N] of its force shows to be heavier than before."""
+    """Return whether a change (3,) [N] of a step's force shows that it carries a heavier load than before."""
     x, y, z = changed.tolist()
     return step.segment.contact == "transport" and hangs((x, y, z), context.up)
 
 
 def _felt(step: ProgramSegment, context: Context) -> NDArray[np.float64]:
-    """Return the forces (n, 3) [N] at the observations of a step where they are known."""
+    """Return the known forces (n, 3) [N] at the observations of a step."""
     return context.forces(observed(step.segment.t0, step.segment.tn))
 
 
 def may_press_in(step: ProgramSegment) -> bool:
     """Whether a movement is shorter than `ARRIVES_M`, so that it may press something in.
 
-    What it is taken for then depends on the force before it.
+    Its contact state then depends on the force before it.
     """
     return length(step.moved) < ARRIVES_M
 
@@ -119,7 +121,9 @@ def _touching(
     forces: NDArray[np.float64],
     context: Context,
 ) -> ProgramSegment:
-    """Return a step as a contact, where its forces along a normal stay above a base and the tool stays."""
+    """Return a step as a contact if its force along a normal exceeds a base and the tool does not move
+    away.
+    """
     leaves = float(step.moved @ normal) > max(OUT_M, OUT_SHARE * length(step.moved))
     if leaves or not len(forces) or _least_lasting((forces - base) @ normal) < least_n:
         return step

@@ -1,7 +1,8 @@
 """The end of a contact: the decay of its force, and the movement out of it.
 
-- A way in the air after a contact is a movement; the force of the contact that decays is nothing.
-- A movement far out of what was pressed goes on in the air. One that stays inside of it goes on to the next.
+- A movement in the air after a contact is a movement; the decaying force of the contact is no segment.
+- A movement far out of the pressed object is a movement in the air. One that stays inside it is part of the
+  next.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ def lets_go(
 ) -> bool:
     """Whether a movement is only the decay of the force of the contact before it.
 
-    The arm hardly moves while the force falls off. A step that goes on without that force is a movement, once
-    it is out of the pressed object. kept: the steps kept so far.
+    The arm hardly moves while the force decays. A step that continues without that force is a movement, once
+    it has left the pressed object. kept: the steps kept so far.
     """
     if before is None or before.segment.kind != "contact" or step.segment.kind != "motion":
         return False

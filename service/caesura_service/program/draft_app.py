@@ -1,4 +1,4 @@
-"""An app while a program is edited: as it was inferred or added, and what edits have set since."""
+"""An app of a program that is being edited: the inferred or added app, and the values set by edits."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ AppKey = tuple[object, ...]
 
 
 class DraftApp:
-    """An app as it was inferred or added, with the values by field and marks of later edits. Immutable."""
+    """An inferred or added app, with the values and marks of later edits by field. Immutable."""
 
     def __init__(
         self,
@@ -26,7 +26,7 @@ class DraftApp:
         values: Mapping[AppField, Any] = MappingProxyType({}),
         marks: tuple[AppChange, ...] = (),
     ) -> None:
-        """key: `key_of` the inferred app, where it is known."""
+        """key: `key_of` the inferred app, if known."""
         self.inferred = inferred
         self.key = key_of(inferred) if key is None else key
         self.values = values

@@ -1,9 +1,9 @@
-"""Remembers the apps after the first edits of a log, so that one more edit costs one edit.
+"""Caches the apps after the first edits of a log, so that one more edit applies only that edit.
 
 Rules
 - A draft is valid for the same inferred apps (the same object), limits of force and edits (the same objects).
-- A draft that is remembered is never changed: a longer one is made from a copy. So several threads may ask.
-- Remembered are the newest few, and one for each STEP edits: undo and older versions begin there.
+- A cached draft is never changed: a longer one is made from a copy. So several threads may use the cache.
+- Cached are the newest few drafts, and one for each STEP edits: undo and older versions start from those.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class DraftCache:
     def _remember(self, program: _Drafts) -> None:
         """Store the drafts of a program as the last used ones.
 
-        Only this step changes the cache, because what paused before may have been overtaken.
+        Only this step changes the cache, because another call may have changed it during a pause.
         """
         others = (
             one
@@ -105,7 +105,7 @@ def _read(apps: Sequence[App], pause: Callable[[], None]) -> list[App]:
 
 
 def _begins(some: Sequence[ProgramEdit], edits: Sequence[ProgramEdit]) -> bool:
-    """Whether `edits` begin with `some`, by identity."""
+    """Return whether `edits` begin with `some`, by identity."""
     return len(some) <= len(edits) and all(map(is_, some, edits))
 
 

@@ -2,8 +2,9 @@
 
 Rules
 - An edit that does not apply changes nothing.
-- An app is found by its key, or by time among those that were taught: not every app is looked at.
-- An app is a number, which stays its own wherever it is moved. Its model is built once, after all edits.
+- An app is found by its key, or by time among the taught ones, without a search through all apps.
+- An app is represented by a number, which does not change when it is moved. Its model is built once, after
+  all edits.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ MOST_M, MOST_N = 100.0, 10_000.0  # a target and a force that are beyond any rob
 
 
 class NotApplicableError(Exception):
-    """Raised where an edit does not apply; the message is the reason."""
+    """An edit does not apply; the message is the reason."""
 
 
 class EditDraft:
@@ -166,7 +167,7 @@ class EditDraft:
         return f"{what} at {_seconds(wanted)} is no longer in the program{now}"
 
     def _deletion(self, wanted: AppReference) -> int | None:
-        """Return the number of the edit that took the app out; None where none did."""
+        """Return the number of the edit that deleted the app; None if none did."""
         exact = [(1.0, self._deleted[key]) for key in keys_meant(wanted) if key in self._deleted]
         gone = [] if wanted.added is not None else self._taught.near(wanted)
         of_kind = [number for number in gone if self._items[number].inferred.kind == wanted.kind]
@@ -205,7 +206,7 @@ class EditDraft:
         return self._items[self._order[index]]
 
     def _put(self, index: int, items: Sequence[DraftApp]) -> None:
-        """Put new apps in the program, the first one at `index`."""
+        """Insert new apps into the program, the first one at `index`."""
         numbers = range(len(self._items), len(self._items) + len(items))
         self._items += items
         self._order[index:index] = numbers
@@ -213,7 +214,7 @@ class EditDraft:
             self._by_key[item.key] = (*self._by_key.get(item.key, ()), number)
 
     def _take_out(self, first: int, stop: int, edit: ProgramEdit) -> None:
-        """Take the apps from index `first` to `stop`, which is not included, out of the program."""
+        """Remove the apps from index `first` to `stop`, which is not included, from the program."""
         for number in self._order[first:stop]:
             key = self._items[number].key
             self._by_key[key] = tuple(one for one in self._by_key[key] if one != number)
@@ -222,7 +223,7 @@ class EditDraft:
         del self._order[first:stop]
 
     def _replace(self, part: ReplacePart, edit: ProgramEdit) -> None:
-        """Put the apps of an edit in the place of a part."""
+        """Replace a part by the apps of an edit."""
         first, last = self.place(part.first), self.place(part.last)
         if last < first:
             raise NotApplicableError("the last app of the part comes before the first one")
@@ -266,7 +267,7 @@ class EditDraft:
         return item.with_values(given)
 
     def _check(self, name: str, value: Any, app: App) -> None:
-        """Check that an app may have this value of a field. Raises NotApplicableError."""
+        """Check that an app may have this value in a field. Raises NotApplicableError."""
         lacks = LACKS[name](app) if name in LACKS else ""
         if lacks:
             raise NotApplicableError(f"'{app_title(app.kind)}' {lacks}")

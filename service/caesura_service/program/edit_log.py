@@ -1,6 +1,6 @@
-"""The log of a program's edits: which count, which were undone, and how many there may be.
+"""The log of a program's edits: which are in effect, which were undone, and how many there may be.
 
-Undo takes the last edit back, redo makes it once more, and a new edit ends what could be made once more.
+Undo revokes the last edit, redo restores it, and a new edit clears the edits that could be redone.
 """
 
 from __future__ import annotations
@@ -35,7 +35,9 @@ class EditLog(NamedTuple):
         return (*self.active, *taken_back)
 
     def takes(self, command: EditProgram, apps: Sequence[App] = ()) -> bool:
-        """Whether a command is the next edit of this log; one for an instance with other edits may not be."""
+        """Return whether a command is the next edit of this log; one for an instance with other edits may
+        not be.
+        """
         try:
             self.after(command, 0.0, apps)
         except ProtocolError:
@@ -43,10 +45,10 @@ class EditLog(NamedTuple):
         return command.revision == self.revision
 
     def after(self, command: EditProgram, at: float, apps: Sequence[App] = ()) -> EditLog:
-        """Return the log with one more edit, whatever it applies to.
+        """Return the log with one more edit, without a check that it applies.
 
-        at: time of day [s]; apps: those of a `ReplacePart`. Raises ProtocolError where there is nothing to
-        undo or redo, or no room.
+        at: time of day [s]; apps: those of a `ReplacePart`. Raises ProtocolError if there is nothing to undo
+        or redo, or the log is full.
         """
         active, undone, number = self.active, self.undone, self.revision + 1
         action = command.action

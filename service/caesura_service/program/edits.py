@@ -1,10 +1,10 @@
-"""Edits of a program, a layer on what was inferred: the same edits are applied to every new program.
+"""Applies an operator's edits to an inferred program, again after each new inference.
 
 Rules
-- An edit names an app by its kind and the time at which it begins. After a correction it is the app of this
-  kind whose time is most nearly the same, if half of both times is common.
+- An edit refers to an app by its kind and start time. After a correction it applies to the app of this kind
+  whose time overlaps most, if they share half of their joint time.
 - Edits are applied one after the other. One whose app is gone is listed as not applied, with the reason.
-- One whose app has other times by now, as after a correction that joined two apps, is applied, with a note.
+- An edit whose app has changed times, as after a correction that joined two apps, is applied, with a note.
 - A field of an app has the value of its last edit. Apps that are taught later follow in their own order.
 - No force is above the limit of the cell, or above that which a correction sets for the app.
 - Apps that were taught again are part of their edit, at constant times: the first one begins where the part
@@ -53,7 +53,7 @@ def at_edit(
     drafts: DraftCache | None = None,
     pause: Callable[[], None] = go_on,
 ) -> Program:
-    """Return the version of the program after the edits that count, up to a number; 0 for no edit."""
+    """Return the version of the program with the effective edits up to a number; 0: none."""
     bare = program.model_copy(update={"edits": (), "edit_revision": 0})
     version = EditLog(tuple(edit for edit in log.active if edit.number <= number), (), number)
     return with_edits(bare, version, drafts, pause)

@@ -1,7 +1,7 @@
-"""The velocity with which the hand goes on from one app to the next.
+"""The velocity of the hand where one app continues into the next.
 
-Where one movement in the air becomes the next, a hand need not stop. A path that rests there would stop the
-robot.
+If one movement in the air continues into the next, the hand need not stop. A path that rests there would stop
+the robot.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from caesura_service.program.paths import Paths
 def with_end_velocities(apps: Sequence[App], paths: Paths, before: App | None) -> tuple[App, ...]:
     """Return apps in time order whose paths state the velocities of their ends.
 
-    A start has one where the app before goes on to it, a target where the app goes on to the next. before:
-    the app before the first one.
+    The start has a velocity if the app before continues into it, the target if it continues into the next
+    app. before: the app before the first one.
     """
     made: list[App] = []
     for last, app, following in zip([before, *apps], apps, [*apps[1:], None], strict=False):

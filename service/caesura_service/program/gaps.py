@@ -1,9 +1,9 @@
 """The gaps of a demonstration, and their effect on a task program.
 
-Principle: an app is as sure as what it was made from, times the share of its time that was observed. Its time
-is its own and that of every gap in it or at its edge, for there it ends because nothing more was seen, not
-because the teacher was done: a gap between two apps counts for both. So a program with a hole in it says so
-where it is run, app by app, and in words that name each gap.
+Principle: an app's confidence is that of its segments, times the share of its time that was observed. Its
+time includes every gap in it or at its edge: there the app ends because observations are missing. A gap
+between two apps counts for both. So a program with a gap states it in the confidence of each app, and in a
+note that lists the gaps.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ REASONS = {"source": "the source paused", "evicted": "samples were lost"}
 def observed_share(t0: float, tn: float, gaps: Sequence[Gap]) -> float:
     """Return the share [0, 1] of the time of an app, from t0 to tn [s], that was observed.
 
-    A gap at an edge of the app counts whole. gaps: in time order, without overlaps.
+    A gap at an edge of the app counts fully. gaps: in time order, without overlaps.
     """
     first = bisect_left(gaps, t0 - EDGE_S, key=lambda gap: gap.tn)
     beside = list(takewhile(lambda gap: gap.t0 <= tn + EDGE_S, gaps[first:]))
@@ -37,7 +37,7 @@ def observed_share(t0: float, tn: float, gaps: Sequence[Gap]) -> float:
 
 
 class Gaps:
-    """The gaps of a demonstration in time order. One more costs a copy, however many there are."""
+    """The gaps of a demonstration in time order."""
 
     def __init__(self) -> None:
         self.all: tuple[Gap, ...] = ()

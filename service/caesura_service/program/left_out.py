@@ -1,8 +1,8 @@
 """Parts of a demonstration that are in no app: motion at both of its ends, and touches.
 
-What moves between two apps shows in their paths (`caesura_protocol.programs.checks.fidelity`). Nothing shows
-what lies before the first app and after the last one, nor a contact that is too short for an app. So a note
-of the program names them, and whether the demonstration began or ended while the flange moved.
+Motion between two apps is found from their paths (`caesura_protocol.programs.checks.fidelity`). Motion before
+the first app and after the last one, and a contact that is too short for an app, are not. So a note of the
+program states them, and whether the demonstration began or ended while the flange moved.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ ENDS_MOVING = "The recording ends in motion: the program stops where it was seen
 
 
 def left_out_note(segments: Sequence[Segment], apps: Sequence[App], moment_at: MomentAt) -> str | None:
-    """Name what of a finished demonstration is in no app; None where all of it is, or nothing is known.
+    """Return a note on the parts of a finished demonstration in no app; None if there are none, or none are
+    known.
 
     apps: as they were inferred, in time order.
     """
@@ -50,7 +51,7 @@ def _at_the_ends(segments: Sequence[Segment], apps: Sequence[App], moment_at: Mo
 
 
 def _moved(one: Moment, other: Moment) -> str:
-    """Return how far a flange moves and turns, in words; empty where a hand at rest drifts as far."""
+    """Return how far a flange moves and turns, as text; empty below the drift of a hand at rest."""
     metres, turned = math.dist(one.position, other.position), 0.0
     if one.orientation is not None and other.orientation is not None:
         turned = angle_between(one.orientation, other.orientation)
@@ -60,7 +61,9 @@ def _moved(one: Moment, other: Moment) -> str:
 
 
 def _touches(segments: Sequence[Segment], apps: Sequence[App]) -> Iterator[str]:
-    """Contacts in no app; not those that go on from an app in contact or in one, and no bounce before it."""
+    """Yield contacts in no app, except those that continue an app in contact or lie in one, and bounces
+    before it.
+    """
     used = {index for app in apps for index in app.segments}
     beside = {index for app in apps if APP_KINDS[app.kind].in_contact for index in app.segments}
     met = [(one.t0, two.t0) for one, two in pairwise(apps) if ends_in_contact(one.kind, two.kind)]

@@ -1,9 +1,9 @@
 """The loads that the robot carries or holds.
 
-- What the fingers have let go is not carried, nor is anything between fingers that are shut, nor what begins
-  to weigh in the air. What they hold is, and so is what only hangs on the robot.
-- What stands where it was gripped is not held yet.
-- A carry, or a movement in the air, that leads nowhere is a rest.
+- A released object is not carried, nor is anything in closed fingers, nor a weight that appears in the air.
+  An object in the fingers is carried, and so is a load that only hangs on the robot.
+- An object that still stands where it was gripped is not held yet.
+- A carry, or a movement in the air, with a negligible displacement is a rest.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ SHUT_M = 0.003  # between fingers that hold nothing
 
 
 def in_hand(step: ProgramSegment, from_air: bool, context: Context) -> ProgramSegment:
-    """Return a step as a carry where the fingers hold something, however light; as free where they do not.
+    """Return a step as a carry if the fingers hold something, however light; as free if they do not.
 
     A contact stays as it is. Without a grip event, a carry is free where nothing was picked up, where the
     fingers are shut, or where its load may be 0. from_air: as `is_from_air`.
@@ -98,10 +98,10 @@ def _down(force: Vector, up: Vector) -> float:
 
 
 def resting(step: ProgramSegment, context: Context) -> ProgramSegment:
-    """Return a movement in the air, or a carry in the fingers, as a rest where it leads nowhere.
+    """Return a movement in the air, or a carry in the fingers, as a rest if its displacement is negligible.
 
-    A person and a robot differ in such a movement. A turn in the air loses no more than a check passes over,
-    another movement no more than a path may be off. A carry that no grip confirms stays as it is.
+    A person and a robot differ in such movements. The omitted turn is below the limit of the check, and the
+    omitted displacement below the tolerance of a path. A carry that no grip confirms is unchanged.
     """
     segment = step.segment
     is_carried = segment.contact == "transport" and bool(holds(step, context.grips))
@@ -137,5 +137,5 @@ def as_one_hold(kept: Sequence[ProgramSegment], _context: Context) -> list[Progr
 
 
 def _is_hold(step: ProgramSegment) -> bool:
-    """Whether a step is a hold that no operator has named."""
+    """Return whether a step is a hold whose kind no operator has set."""
     return step.segment.kind == "hold" and not step.segment.corrected

@@ -1,8 +1,9 @@
-"""Movements in the air that are one: only a stop or a corner ends one, and a corner turns and slows.
+"""Joins segments in the air that form one movement. Only a stop or a corner ends a movement; at a corner it
+turns and slows.
 
-Everything else inside a movement is a via point of its path. A hand that gets faster or slower, as on its way
-into a circle and out of it, is in one movement, though the segmentation may divide it there. What an operator
-divides stays divided.
+Everything else inside a movement is a via point of its path. A change of speed, as on the way into a circle
+and out of it, does not end a movement, although the segmentation may divide it there. A boundary set by an
+operator stays.
 """
 
 from __future__ import annotations
@@ -29,12 +30,12 @@ MOVES = ("motion", "transport")  # kinds that may be one with another of their k
 
 
 def with_whole_movements(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
-    """Return the steps; a movement, or a carry, is joined with the step that it goes on in."""
+    """Return the steps; a movement, or a carry, is joined with the step into which it continues."""
     return joined_where(steps, lambda movement, step: _moves_on(movement, step, context.moment_at))
 
 
 def _moves_on(movement: ProgramSegment, step: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Whether a movement in the air goes on in a step of its kind, at once, without a stop or a corner."""
+    """Return whether a movement in the air continues into a step of its kind, without a stop or a corner."""
     one, two = movement.segment, step.segment
     if one.corrected or two.corrected or step.parts[0].is_set_apart:
         return False

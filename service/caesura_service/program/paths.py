@@ -39,10 +39,10 @@ MOST_KEPT = 256  # paths that are kept for the next look
 
 @dataclass
 class Paths:
-    """Paths of stretches of one demonstration.
+    """Paths between times of one demonstration.
 
-    poses_between: times (n,) [s] and flange poses (n, 3 or 7) from one time to another, at least one; what
-    ends after `settled_until` [s] still changes and has no path.
+    poses_between: returns times (n,) [s] and flange poses (n, 3 or 7) between two times, at least one;
+    settled_until: time [s] after which segments still change and have no path.
     """
 
     poses_between: PosesBetween
@@ -54,9 +54,9 @@ class Paths:
     def between(
         self, t0: float, tn: float, *, begins_moving: bool = False, ends_moving: bool = False
     ) -> AppPath | None:
-        """Return the path from one time to another [s]; None where it is not settled yet.
+        """Return the path from one time to another [s]; None if it is not settled yet.
 
-        begins_moving, ends_moving: it states the velocity of the hand at its start and at its end.
+        begins_moving, ends_moving: whether it states the hand's velocity at its start and at its end.
         """
         if tn > self.settled_until:
             return None
@@ -193,10 +193,10 @@ def _excursions(shown: Array, curve: Curve, knots: list[int], tolerance_m: float
 def deviations(
     shown: Array, curve: Curve, leg: NDArray[np.int64], tolerance_m: float, tolerance_rad: float
 ) -> tuple[Array, Array]:
-    """Return distances (m,) [m] and angles (m,) [rad] from poses (m, c) to a curve that is followed forwards.
+    """Return distances (m,) [m] and angles (m,) [rad] from poses (m, c) to a curve.
 
     leg: (m,) the leg of each pose. The nearest point has the least distance with both divided by their
-    tolerances.
+    tolerances; points on the curve never go back from one pose to the next.
     """
     scale = np.array([1.0 / tolerance_m] * 3 + [2.0 / tolerance_rad] * (shown.shape[1] - 3))
     line = curve.sampled(PARTS) * scale
@@ -219,16 +219,15 @@ def deviations(
 
 
 def _projected(away: Array, step: Array) -> tuple[Array, Array]:
-    """Return the share (…) of a segment at its place nearest to a point, and the vector (…, c) from there.
-
-    away: (…, c) of the point from the segment's start; step: (…, c) from its start to its end.
+    """Return the share (…) of a segment at its point nearest to a given point, and the vector (…, c) from
+    there.
     """
     share = np.clip(np.vecdot(away, step) / np.maximum(np.vecdot(step, step), 1e-18), 0.0, 1.0)
     return share, away - share[..., None] * step
 
 
 def _sides(poses: Array) -> list[int]:
-    """Return the first and last observation, and so many between them that no leg turns too far."""
+    """Return the first and last observation, and enough between them that no leg turns too far."""
     knots = [0]
     if poses.shape[1] == 7:
         while (far := angles(poses[knots[-1] + 1 :, 3:], poses[knots[-1], 3:]) > MOST_TURN_RAD).any():
@@ -237,7 +236,9 @@ def _sides(poses: Array) -> list[int]:
 
 
 def _worst(off: Array, leg: NDArray[np.int64], near: NDArray[np.int64], knots: list[int]) -> list[int]:
-    """Return the observation furthest off in each leg that has one too far off, the worst first."""
+    """Return the observation with the greatest deviation of each leg that exceeds a tolerance, the worst
+    first.
+    """
     found: list[tuple[float, int]] = []
     starts = np.searchsorted(leg, np.arange(len(knots) - 1))
     worst = np.maximum.reduceat(off, starts)

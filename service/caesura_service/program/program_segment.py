@@ -1,4 +1,4 @@
-"""One segment as the program sees it, and what it is compared with: moments of the robot, gripper actions."""
+"""A segment with the data for its app, and the context of a demonstration: robot states, gripper actions."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Moment:
-    """The robot at one time, base frame."""
+    """The robot's state at one time, base frame."""
 
     position: Vector  # [m]
     orientation: Quaternion | None  # x y z w
@@ -73,7 +73,8 @@ class GripperAction:
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """The grips, moments and vertical direction of a demonstration, beside which its segments are read.
+    """The gripper actions, robot states and vertical direction with which a demonstration's segments are
+    interpreted.
 
     grips: all that are known; up: away from gravity, of length 1, base frame.
     """
@@ -101,11 +102,11 @@ class Context:
 
 @dataclass(frozen=True, slots=True)
 class ProgramSegment:
-    """A segment as the program reads it, with the segments that are part of it.
+    """A segment as interpreted for the program, with the segments that are part of it.
 
-    is_set_apart: an operator has stated that it begins there; base: of a contact, the force [N] before
-    anything was touched; rests_before, rests_after: the rests at the ends of a stroke; approach: the
-    movements into a contact, or the stroke, of which this segment is the end.
+    is_set_apart: whether an operator has set its start; base: of a contact, the force [N] before the touch;
+    rests_before, rests_after: the rests at the ends of a stroke; approach: the movements into a contact, or
+    the stroke, of which this segment is the end.
     """
 
     index: int
@@ -147,8 +148,8 @@ class ProgramSegment:
     def read_as(self, contact: str, **fields: object) -> ProgramSegment:
         """Return the same movement or rest with another contact state.
 
-        One that an operator has named is unchanged. The load becomes None. fields: other fields of the
-        segment.
+        A segment whose kind an operator has set is unchanged. The load becomes None. fields: other fields of
+        the segment.
         """
         if self.segment.corrected:
             return self
@@ -191,16 +192,18 @@ class ProgramSegment:
 
     @property
     def gives_way(self) -> bool:
-        """Whether the touched object moves with the force, as a pump does; else the hand slides along it."""
+        """Whether the touched object moves with the force, as a pump does; otherwise the tool slides along
+        it.
+        """
         along = direction(self.force)
         across = length(self.moved - along * float(along @ self.moved))
         return across < max(ACROSS_M, ACROSS_SHARE * abs(self.pushed_in))
 
     @property
     def arrives(self) -> bool:
-        """Whether the segment is a way down that ends in a press without a pause.
+        """Whether the segment is an approach that ends in a press without a pause.
 
-        Such a way has a Move To Contact of its own.
+        Such an approach has a Move To Contact of its own.
         """
         return self.segment.kind == "sliding" and self.gives_way and self.pushed_in > ARRIVES_M
 
@@ -210,9 +213,9 @@ def joined_where(
     are_one: Callable[[ProgramSegment, ProgramSegment], bool],
     as_one: Callable[[ProgramSegment, ProgramSegment], ProgramSegment] = lambda one, two: two.joined_to(one),
 ) -> list[ProgramSegment]:
-    """Return the steps; each step that is one with the step before it is joined with it.
+    """Return the steps; a step for which `are_one` holds is joined with the step before it.
 
-    are_one: a test for the two; as_one: the step that they become.
+    are_one: a test of two successive steps; as_one: makes their joint step.
     """
     joined: list[ProgramSegment] = []
     for step in steps:

@@ -1,12 +1,12 @@
-"""The segments that a program is made of, each read beside those around it.
+"""Interprets the segments of a program, each in the context of its neighbours.
 
-A segment is inferred by itself. In two passes,
-1. each one is read beside those around it: what the robot carries (`loads`), what it touches (`contacts`),
-   and how it leaves that (`departures`). What is shorter than the minimum time is left out, and so is the
-   force of a contact that decays;
-2. those that belong together become one, stage by stage. A short movement is part of the one that it goes on
-   to, or comes from. The rests and ends of a stroke are part of it (`strokes`).
-What an operator has named is what it is.
+The filter infers each segment separately. In two passes,
+1. each one is interpreted with its neighbours: what the robot carries (`loads`), what it touches
+   (`contacts`), and how it leaves the contact (`departures`). Segments below the minimum time, and the
+   decaying force of a contact, are left out;
+2. related segments are joined, stage by stage. A short movement is joined with the one before or after it.
+   The rests and ends of a stroke are part of it (`strokes`).
+A kind that an operator has set is not changed.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ Stage = Callable[[Sequence[ProgramSegment], Context], list[ProgramSegment]]
 
 
 class _Place(NamedTuple):
-    """A step as it was inferred, and those around it as they were inferred."""
+    """An inferred step, with its inferred neighbours."""
 
     step: ProgramSegment
     ahead: ProgramSegment | None  # the next one, however short
@@ -60,9 +60,9 @@ def kept_steps(
     least_s: float,
     up: Vector = UP,
 ) -> list[ProgramSegment]:
-    """Return the steps that apps are made of, each read beside the others.
+    """Return the steps from which apps are made, each interpreted with its neighbours.
 
-    grips: all that are known; least_s: minimum time filter [s]; up: away from gravity, base frame.
+    grips: all known gripper actions; least_s: minimum time filter [s]; up: away from gravity, base frame.
     """
     context = Context(grips, moment_at, up)
     kept: list[ProgramSegment] = []
@@ -91,7 +91,7 @@ def kept_steps(
 
 
 def _places(steps: Sequence[ProgramSegment], least_s: float) -> Iterator[_Place]:
-    """Yield every step with the steps around it."""
+    """Yield every step with its neighbours."""
     before, earlier, touched = None, None, -1
     around = zip(steps, [*steps[1:], None], [None, *steps], [None, None, *steps], strict=False)
     for step, ahead, beside, behind in around:
@@ -104,7 +104,7 @@ def _places(steps: Sequence[ProgramSegment], least_s: float) -> Iterator[_Place]
 def _read(
     step: ProgramSegment, place: _Place, last: ProgramSegment | None, context: Context
 ) -> list[ProgramSegment]:
-    """Return a list with the step as it is read, or an empty list for a load that is not held yet.
+    """Return a list with the interpreted step, or an empty list for a load that is not held yet.
 
     last: the last step kept, None before the first.
     """
@@ -124,8 +124,8 @@ def _read(
 def _contact_before(place: _Place, last: ProgramSegment | None, context: Context) -> ProgramSegment | None:
     """Return the contact that a step follows directly, or with one step between; None without one.
 
-    The step between was read as a contact itself, or is shorter than the minimum time. With something between
-    the fingers there may be more of them, because its weight is known. last: the last one kept.
+    The step between was interpreted as a contact too, or is shorter than the minimum time. If the fingers
+    hold something, there may be several steps between, because its weight is known. last: the last step kept.
     """
     beside, behind = place.beside, place.behind
     if beside is None or beside.touches:
@@ -142,8 +142,9 @@ def _with_short_movements(
 ) -> list[ProgramSegment]:
     """Return the kept steps, joined with the movements below the minimum time beside them.
 
-    Both are of one kind. One between two such movements belongs to the second. short: by index, the readings
-    of such a step. It is too short to be weighed, so without a grip it may be a carry or none.
+    Both are of one kind. A short one between two movements belongs to the second. short: by index, the
+    possible interpretations of a short step: it is too short to be weighed, so without a grip it may be a
+    carry or not.
     """
     joined: list[ProgramSegment] = []
     for step in kept:

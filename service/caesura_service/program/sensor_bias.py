@@ -1,9 +1,9 @@
-"""The force that a sensor makes up while the tool touches, from what it reads in the air before and after.
+"""Estimates the bias of the force sensor during a contact, from the force in the air before and after.
 
-Until the tool has left, it is the force before the contact. It wanders with time and with the place: a tool's
-weight is never compensated quite right. So it is a line in both, fitted by ridge regression to the last two
-seconds before a contact and the first two after it. What pushes back at the end of those before it lies in
-the contact, and is left out.
+Until the tool has left the contact, the bias is the force before it. It changes with time and with the
+position, because a tool's weight is never compensated exactly. So it is linear in both, fitted by ridge
+regression to the last two seconds before a contact and the first two after it. Observations that already push
+back before the contact are left out.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ Array = NDArray[np.float64]
 def with_bases(kept: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
     """Return the steps; the bias of contacts is fitted to the force on both sides of them.
 
-    Where the fingers move, or more has changed than a sensor makes up, something else did change it. The base
-    then stays the force before the contact.
+    If the fingers move, or the change exceeds a sensor's bias, it has another cause. The base is then the
+    force before the contact.
     """
     based: list[ProgramSegment] = []
     for touches, run in groupby(kept, key=lambda step: step.touches):
@@ -100,7 +100,7 @@ def bias_between(
 
 
 def _in_air(times: Sequence[float], base: Vector, moment_at: MomentAt) -> Sequence[float]:
-    """Return those times [s] before a contact that precede its first push; all where every one is pushed."""
+    """Return those times [s] before a contact that precede its first push; all if every one is pushed."""
     pushes = [_pushes(moment_at(t).force, base) for t in reversed(times)]
     return times[: len(times) - pushes.index(False)] if False in pushes else times
 
@@ -110,7 +110,9 @@ def _pushes(force: Vector | None, base: Vector) -> bool:
 
 
 def _row(t: float, moment: Moment, since: float, origin: Moment) -> Sequence[float]:
-    """Return the regressors (5,) of the bias: 1, the way from an origin, and the time since then."""
+    """Return the regressors (5,) of the bias: 1, the displacement from an origin, and the time since
+    `since`.
+    """
     way = (np.subtract(moment.position, origin.position) / WANDER_M).tolist()
     return [1.0, *way, (t - since) / WANDER_S]
 

@@ -1,10 +1,10 @@
 """The parts of a stroke, and the force with which it is pressed.
 
-- A rest at either end of a stroke or of a turn in contact is part of it. It has a force of its own where it
-  lasts for half a second. What is pressed otherwise before or after that rest is a press of its own.
-- A short slide or a tilt beside a stroke is an end of it, where it is pressed as the stroke is.
-- The last centimetres before a contact are an end of the movement into it, the last one before a rest too.
-- A turn in contact that goes on about its axis without a stop is one.
+- A rest at either end of a stroke or of a turn in contact is part of it. It has a force of its own if it
+  lasts for half a second. A rest with another force before or after it is a press of its own.
+- A short slide or a tilt beside a stroke is an end of it, if it has the stroke's force.
+- The last centimetres before a contact are the end of the movement into it, the last one before a rest too.
+- A turn in contact that continues about its axis without a stop is one turn.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ OUT_M, OUT_SHARE = 0.005, 0.3  # from which on a movement leaves a contact; fric
 
 
 def with_last_ways(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
-    """Return the steps; the last way into a contact, or to a rest, is part of the movement before it."""
+    """Return the steps; the last movement into a contact, or to a rest, is part of the movement before it."""
     joined: list[ProgramSegment] = []
     for step, following in zip_longest(steps, steps[1:]):
         last = joined[-1] if joined else None
@@ -67,14 +67,14 @@ def with_last_ways(steps: Sequence[ProgramSegment], context: Context) -> list[Pr
 
 
 def with_whole_turns(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
-    """Return the steps; a turn that goes on about its axis without a stop is joined."""
+    """Return the steps; parts of a turn that continues about its axis without a stop are joined."""
     return joined_where(steps, lambda turn, step: _turns_on(turn, step, context.moment_at), _one_turn)
 
 
 def with_ends(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
     """Return the steps; short slides and tilts beside a stroke are ends of it, with one path.
 
-    Whether such an end is divided from its stroke is a close decision: a person and a robot differ in it.
+    The segmentation may divide such an end from its stroke or not, and differs between a person and a robot.
     """
     joined: list[ProgramSegment] = []
     for step in steps:
@@ -148,21 +148,21 @@ def stroke_force(stroke: ProgramSegment, moment_at: MomentAt) -> Vector | None:
 def rest_force_n(rests: Sequence[ProgramSegment], moment_at: MomentAt) -> float | None:
     """Return the median force [N] with which rests are pressed; None for less than `STROKE_REST_S`.
 
-    In a shorter time the force still rises. It is one median over all rests, so it is the same however they
-    are divided. Where that pushes back, the time before the touch is left out.
+    In a shorter time the force still rises. It is one median over all rests, so it does not depend on how
+    they are divided. If that force pushes back, the time before the touch is left out.
     """
     return _rest_force_n(rests, _felt(rests, moment_at))
 
 
 def stands(step: ProgramSegment) -> bool:
-    """Whether a step is a turn in contact that is so small that it is a rest."""
+    """Return whether a step is a turn in contact that is so small that it counts as a rest."""
     segment = step.segment
     still = segment.turn is not None and length(segment.turn) < LEAST_TURN_RAD
     return segment.kind == "turning" and step.touches and still and length(step.moved) < INSERTED_M
 
 
 def only_touches(step: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Whether a step arrives in a contact and presses for less than a rest with a force of its own."""
+    """Return whether a step ends in a contact and presses for less than a rest with a force of its own."""
     if not step.arrives:
         return False
     pushes = np.count_nonzero(_felt([step], moment_at).n >= PUSHES_BACK_N)
@@ -170,7 +170,9 @@ def only_touches(step: ProgramSegment, moment_at: MomentAt) -> bool:
 
 
 def may_end_movement(step: ProgramSegment) -> bool:
-    """Whether a movement is shorter than `DECAY_REACH_M`: it may end the one before it at a contact."""
+    """Return whether a movement is shorter than `DECAY_REACH_M`: it may be the end of another at a
+    contact.
+    """
     return length(step.moved) < DECAY_REACH_M
 
 
@@ -190,7 +192,7 @@ NOTHING_FELT = _Felt(np.empty((0, 3, 3)), np.empty((0, 3)), np.empty(0))
 
 
 def _felt(steps: Sequence[ProgramSegment], moment_at: MomentAt) -> _Felt:
-    """Return the forces of steps without their bases, at the observations where a force is known."""
+    """Return the known forces of steps, less their bases."""
     seen = [(moment_at(t), step.base) for step in steps for t in _looks(step.segment)]
     known = [(moment, np.subtract(moment.force, base)) for moment, base in seen if moment.force is not None]
     if not known:
@@ -231,7 +233,7 @@ def _rest_force_n(rests: Sequence[ProgramSegment], felt: _Felt) -> float | None:
 
 
 def _looks(segment: Segment) -> list[float]:
-    """Return the times [s] of a segment's observations, evenly thinned to at most `PRESS_LOOKS`."""
+    """Return the times [s] of a segment's observations, evenly decimated to at most `PRESS_LOOKS`."""
     times = observed(segment.t0, segment.tn)
     return times[:: -(-len(times) // PRESS_LOOKS)]
 
@@ -244,7 +246,7 @@ def _axes(moment: Moment) -> NDArray[np.float64]:
 def _ends(movement: ProgramSegment, step: ProgramSegment, following: ProgramSegment | None) -> bool:
     """Whether a step is the end of a movement: short, of the same kind, and without a rest between them.
 
-    One that another movement in the air follows is not. following: None after the last step.
+    A step before another movement in the air is not its end. following: None after the last step.
     """
     touches = following is not None and following.touches
     if following is not None and following.segment.motion == "motion" and not touches:
@@ -260,7 +262,7 @@ def is_directly_before(movement: ProgramSegment, step: ProgramSegment) -> bool:
 
 
 def are_one_kind(movement: ProgramSegment, other: ProgramSegment) -> bool:
-    """Whether both steps are movements in the air of one kind, neither of which an operator has named."""
+    """Return whether both are movements in the air of one kind, whose kind no operator has set."""
     one, two = movement.segment, other.segment
     same = two.kind in ("motion", "transport") and one.kind == two.kind and one.contact == two.contact
     return same and not (one.corrected or two.corrected)
@@ -279,7 +281,7 @@ def _rests(step: ProgramSegment, context: Context) -> bool:
 
 
 def _belong(rests: Sequence[ProgramSegment], stroke: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Whether `stroke` is one, and the rests beside it are pressed to the same side of the tool."""
+    """Return whether `stroke` is a stroke, and the rests beside it press to the same side of the tool."""
     if not _is_stroke(stroke):
         return False
     return _same_side(_force(rests, moment_at), _force([stroke], moment_at))
@@ -288,14 +290,14 @@ def _belong(rests: Sequence[ProgramSegment], stroke: ProgramSegment, moment_at: 
 def _leads_to(
     rests: Sequence[ProgramSegment], following: Sequence[ProgramSegment], moment_at: MomentAt
 ) -> bool:
-    """Whether rests belong to the stroke that follows; False where none follows."""
+    """Return whether rests belong to the following stroke; False without one."""
     return bool(following) and _goes_on(rests[-1], following[0]) and _belong(rests, following[0], moment_at)
 
 
 def _is_begun(
     rests: Sequence[ProgramSegment], last: ProgramSegment, following: ProgramSegment, moment_at: MomentAt
 ) -> bool:
-    """Whether rests between two strokes are pressed as hard as the second, and not as hard as the first."""
+    """Return whether rests between two strokes have the force of the second, and not of the first."""
     level_n = _level_n(rests, _felt(rests, moment_at))
     ended, begun = (stroke_force(one, moment_at) for one in (last, following))
     if level_n is None or ended is None or begun is None:
@@ -309,7 +311,7 @@ def _length_of(steps: Sequence[ProgramSegment], belongs: Callable[[ProgramSegmen
 
 
 def _levels(run: Iterable[ProgramSegment], moment_at: MomentAt) -> list[tuple[ProgramSegment, ...]]:
-    """Return rests in a row, divided where one that lasts is pressed otherwise than those before it."""
+    """Return consecutive rests, divided where a lasting one has another force than those before it."""
     levels: list[tuple[ProgramSegment, ...]] = []
     before = NOTHING_FELT
     for rest in run:
@@ -334,14 +336,16 @@ def _level_n(rests: Sequence[ProgramSegment], felt: _Felt) -> float | None:
 
 
 def _are_one(parts: Sequence[ProgramSegment], stroke: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Whether the tool stays in contact over all parts, and each is pressed as the stroke among them is."""
+    """Return whether the tool stays in contact over all parts, and each has the force of the stroke among
+    them.
+    """
     others = [part for part in parts if part is not stroke]
     stay = all(_stays(one, other) for one, other in pairwise(parts))
     return stay and all(_pressed_as(part, stroke, moment_at) for part in others)
 
 
 def _pressed_as(part: ProgramSegment, stroke: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Whether a part is pressed to the same side of the tool as a stroke, and about as hard.
+    """Return whether a part presses to the same side of the tool as a stroke, with about its force.
 
     The force of a short rest is not compared.
     """
@@ -362,7 +366,7 @@ def _same_side(here: NDArray[np.float64] | None, there: NDArray[np.float64] | No
 
 
 def _one_way(parts: Sequence[ProgramSegment]) -> ProgramSegment:
-    """Return a stroke and its ends as one step in contact; rests between them are part of it."""
+    """Return a stroke, its ends, and the rests between them as one step in contact."""
     first, last = parts[0], parts[-1]
     whole = {
         "kind": "turning",
@@ -376,7 +380,9 @@ def _one_way(parts: Sequence[ProgramSegment]) -> ProgramSegment:
 
 
 def _turns_on(turn: ProgramSegment, step: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Whether a turn goes on in a step about one axis, without a stop, and in contact pressed as hard."""
+    """Return whether a turn continues in a step about the same axis, without a stop, and with the same
+    force.
+    """
     one, two = turn.segment, step.segment
     named = one.corrected or two.corrected or step.is_set_apart
     if named or not one.kind == two.kind == "turning" or one.contact != two.contact:
@@ -438,7 +444,9 @@ def _is_end(step: ProgramSegment, context: Context) -> bool:
 
 
 def _has_ends(step: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Whether a step is a stroke that may have ends: no driven screw, and not named by an operator."""
+    """Return whether a step is a stroke that may have ends: no driven screw, and no kind set by an
+    operator.
+    """
     segment = step.segment
     driven = segment.kind == "turning" and segment.turn is not None and not _is_tilt(step, moment_at)
     return _is_stroke(step) and not segment.corrected and not driven
@@ -472,22 +480,24 @@ def _turns_on_tip(step: ProgramSegment, moment_at: MomentAt) -> bool:
 
 
 def _is_resisted(step: ProgramSegment) -> bool:
-    """Whether a turn ends at a torque above that of its force at a hand's breadth from the tip."""
+    """Return whether a turn ends with a torque above that of its force at a hand's breadth from the tip."""
     torque_nm = None if step.segment.screw is None else stop_torque_nm(exerted(step.segment.screw))
     return torque_nm is not None and torque_nm > HANDS_BREADTH_M * length(step.force)
 
 
 def _goes_on(one: ProgramSegment, following: ProgramSegment) -> bool:
-    """Whether a step begins where another one ends.
+    """Return whether a step begins where another one ends.
 
-    Steps left out between the two may lead elsewhere.
+    Steps left out between the two may have moved the tool.
     """
     apart = np.subtract(following.segment.position_start, one.segment.position_end)
     return following.parts[0].index == one.parts[-1].index + 1 or length(apart) < OUT_M
 
 
 def _is_stroke(step: ProgramSegment) -> bool:
-    """Whether a step moves along a surface, or turns in contact; what gives way is pressed in."""
+    """Return whether a step moves along a surface, or turns in contact; a yielding object is pressed in
+    instead.
+    """
     segment = step.segment
     moves = step.touches and segment.motion == "motion"
     return moves and (segment.kind == "turning" or not step.gives_way)

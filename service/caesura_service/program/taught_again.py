@@ -1,4 +1,4 @@
-"""The apps of a session that replace a part of another session's program, or the reason for none."""
+"""Returns the apps of a session that replace a part of another session's program, or refuses them."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def apps_for(program: Program, taught_again: Program) -> tuple[App, ...]:
 
 
 def _one_after_the_other(program: Program) -> tuple[App, ...]:
-    """Return the apps at the times at which they are run, with the speeds that people set in them."""
+    """Return the apps at the times of their execution, with the speeds that operators set in them."""
     times = edited_times(program.apps, (), program.edits)
     if times is None:
         return tuple(program.apps)

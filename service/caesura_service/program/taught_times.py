@@ -1,4 +1,4 @@
-"""Finds the taught apps of about a time, without a look at every one."""
+"""Finds the taught apps near a time without a search through all apps."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from caesura_service.program.draft_app import SLACK_S
 
 
 class TaughtTimes:
-    """The apps that were taught, sorted by their beginnings. Immutable."""
+    """The taught apps, sorted by start time. Immutable."""
 
     def __init__(self, apps: Sequence[App]) -> None:
         """Leave out the apps that an edit has added."""
@@ -22,7 +22,7 @@ class TaughtTimes:
         self._latest = list(accumulate((app.tn for app in self._apps), max))  # end of those up to each one
 
     def near(self, wanted: AppReference) -> Iterator[int]:
-        """Yield the indices of the apps whose time is about that of a reference, in no order."""
+        """Yield the indices of the apps whose time is close to that of a reference, in no order."""
         first, last = wanted.t0 - 2 * SLACK_S, wanted.tn + 2 * SLACK_S
         place = bisect_left(self._starts, last) - 1
         while place >= 0 and first < self._latest[place]:

@@ -24,7 +24,7 @@ _LOAD = ("load_kg", "load_sd_kg")
 
 
 class _Difference(NamedTuple, Generic[Row]):
-    """Rows from the first to the last that differ, as many as an effect lists."""
+    """The range of rows that differ, first to last, as far as an effect lists them."""
 
     first: int  # so many equal ones come before them
     before: tuple[Row, ...]
@@ -33,7 +33,7 @@ class _Difference(NamedTuple, Generic[Row]):
 
 
 def effect_of(before: SessionState, after: SessionState) -> EditEffect:
-    """State what differs between two states of a session; gives way meanwhile."""
+    """Return the differences between two states of a session; gives way to other work meanwhile."""
     segments = _difference(before.view.segments, after.view.segments, SegmentOutline, apart=_LOAD)
     apps = _difference(program_of(before).apps, program_of(after).apps, AppOutline)
     phases = _difference(before.view.phases, after.view.phases, PhaseOutline)
@@ -54,7 +54,7 @@ def effect_of(before: SessionState, after: SessionState) -> EditEffect:
 def _difference(
     before: Sequence[M], after: Sequence[M], outline: type[Row], apart: Collection[str] = ()
 ) -> _Difference[Row]:
-    """Return the outlines of rows that differ. apart: fields in which they may."""
+    """Return the outlines of rows that differ. apart: fields whose difference does not count."""
     known = alike(before, after)
     compared = attrgetter(*(name for name in outline.model_fields if name not in apart))
     old, new = (_values(rows, known, compared) for rows in (before, after))

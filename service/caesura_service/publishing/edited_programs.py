@@ -1,8 +1,8 @@
-"""Makes a session's program with its edits, and earlier versions of it; what was made last is kept.
+"""Makes a session's program with its edits, and earlier versions of it; caches the last ones.
 
 Rules
-- The worker gives way to other stations after each edit and app. Any thread may ask.
-- What is kept belongs to the state of its session. It is emptied where SESSIONS others were used since.
+- The worker gives way to other stations after each edit and app. Any thread may call it.
+- A cache belongs to the state of its session. It is cleared after SESSIONS others were used.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ SESSIONS = 4  # whose edited programs are kept: a garbage collection takes 7 ms 
 
 
 class _Made(NamedTuple):
-    """A program and the objects it was made from; they are held, so that no others get their ids."""
+    """A program and references to the objects from which it was made, so that their ids are not reused."""
 
     inferred: tuple[object, ...]
     log: EditLog
@@ -43,7 +43,7 @@ class EditedPrograms:
     def edited(self, header: Program, inferred: Program, log: EditLog, number: int | None = None) -> Program:
         """Return the program with these edits, made once for each version; its apps are encoded.
 
-        header: the object that `inferred` was made from, with its apps; number: of the last edit that counts.
+        header: the object from which `inferred` was made, with its apps; number: of the last edit to apply.
         """
         _recently_used.add(self)
         made_of = (header, inferred.apps)
@@ -69,7 +69,7 @@ class EditedPrograms:
         return made.model_copy(update={"apps": packed(App, _in_slices(made.apps))})
 
     def __eq__(self, other: object) -> bool:
-        """Return True for any other cache: it is no part of a state, whose results do not depend on it."""
+        """Return True for any other cache: a cache has no influence on the results of a state."""
         return isinstance(other, EditedPrograms)
 
     def __hash__(self) -> int:
@@ -90,7 +90,7 @@ class _RecentlyUsed:
         self._sessions: dict[int, EditedPrograms] = {}  # by their ids, the last one used last
 
     def add(self, used: EditedPrograms) -> None:
-        """Mark a cache as used now; beyond SESSIONS, clear the one that was not used for longest."""
+        """Mark a cache as used now; beyond SESSIONS, clear the least recently used one."""
         with self._lock:
             self._sessions.pop(id(used), None)
             self._sessions[id(used)] = used

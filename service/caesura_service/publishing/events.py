@@ -1,4 +1,4 @@
-"""The inputs of a session beside wire messages, and its outputs. Pure values."""
+"""Inputs of a session other than wire messages, and its outputs. Immutable values."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Owner:
 
 @dataclass(frozen=True)
 class ReplayEnded:
-    """The bridge's answer to a RequestReplay is complete, or never came."""
+    """The bridge's answer to a RequestReplay is complete, or was not received."""
 
     session: str
     first: int  # the batch that was asked for
@@ -60,7 +60,7 @@ class Publish:
 
 @dataclass(frozen=True)
 class RequestReplay:
-    """Batches `first` to `last`, both included, are missing."""
+    """Request of missing batches, `first` to `last`, both included."""
 
     station: str
     session: str
@@ -77,14 +77,14 @@ class Reply:
 
 @dataclass(frozen=True)
 class BatchRejected:
-    """A message was refused and counted; its sender gets no answer."""
+    """A message was refused and counted; its sender gets no reply."""
 
     error: ProtocolError
 
 
 @dataclass(frozen=True)
 class SessionFailed:
-    """The session ended by an internal error. For the log."""
+    """The session ended by an internal error. It is only logged."""
 
     station: str
     session: str
@@ -93,7 +93,7 @@ class SessionFailed:
 
 @dataclass(frozen=True)
 class SessionDeleted:
-    """The journal no longer keeps a session: it cannot be queried. For the log."""
+    """The journal no longer has a session: it cannot be queried. It is only logged."""
 
     station: str
     session: str
@@ -102,7 +102,7 @@ class SessionDeleted:
 
 @dataclass(frozen=True)
 class TakeoverFailed:
-    """A session was not taken over, or not up to the last record of the furthest journal. For the log."""
+    """A session was not taken over, or not with all its records. It is only logged."""
 
     station: str
     session: str
@@ -111,7 +111,7 @@ class TakeoverFailed:
 
 @dataclass(frozen=True)
 class StationTakenOver:
-    """The station now belongs to this instance. For the log."""
+    """The own instance has taken over the station. It is only logged."""
 
     station: str
     epoch: int

@@ -1,9 +1,9 @@
 """The lifecycle of a session as a table of transitions. An illegal event raises and changes nothing.
 
-A session is opened once, takes samples and closes once. A heartbeat, a late answer to a replay, or what it
-has already may trail behind the close, and a close may be repeated because its acknowledgement was lost.
-It can be corrected and described, and its program edited, as long as it is kept.
-`failed` is a session whose pipeline raised: closed for the world, with the reason in its status.
+A session is opened once, receives samples and closes once. A heartbeat, a late answer to a replay, or a
+repeated batch may arrive after the close, and a close may be repeated because its acknowledgement was lost. A
+session can be corrected and described, and its program edited, as long as it is in memory. In `failed` the
+pipeline has raised an error: clients see a closed session, with the reason in its status.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ EVENT_WORDS: Mapping[str, str] = {
 
 
 def next_state(state: Lifecycle, event: LifecycleEvent) -> Lifecycle:
-    """Return the state after an event. Raises ProtocolError `conflict` where the table has no transition."""
+    """Return the state after an event. Raises ProtocolError `conflict` if the table has no transition."""
     try:
         return TRANSITIONS[state, event]
     except KeyError:
@@ -64,7 +64,7 @@ def next_state(state: Lifecycle, event: LifecycleEvent) -> Lifecycle:
 
 
 def _what_is_left(state: Lifecycle, event: LifecycleEvent) -> str:
-    """Return words for what a person can still do after a refused command; empty without one."""
+    """Return text on what an operator can still do after a refused command; empty if nothing."""
     commands: tuple[LifecycleEvent, ...] = ("edit", "describe", "edit_program")
     left = [EVENT_WORDS[one] for one in commands if (state, one) in TRANSITIONS]
     return f", only {' and '.join(left)}" if event in commands and left else ""

@@ -1,4 +1,4 @@
-"""Publishes the changes from one view to the next, as messages."""
+"""Publishes the differences between one view and the next as messages."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from caesura_service.segmentation.view import PipelineView
 
 @dataclass(frozen=True)
 class EditOutcome:
-    """The corrections of a session after an edit, whose it was, and when [s, time of day]."""
+    """The corrections of a session after an edit, with the edit's author and time of day [s]."""
 
     corrections: EditHistory
     author: str
@@ -76,7 +76,7 @@ def initial_messages(state: SessionState) -> tuple[SessionState, list[Publish]]:
 
 
 def publish_status(state: SessionState) -> tuple[SessionState, Publish]:
-    """Publish the status of now under its next sequence number."""
+    """Publish the current status under its next sequence number."""
     state = _advance_seq(state, "status")
     return state, Publish(status_of(state))
 
@@ -84,7 +84,7 @@ def publish_status(state: SessionState) -> tuple[SessionState, Publish]:
 def apply_view(
     state: SessionState, view: PipelineView, counters: SessionCounters
 ) -> tuple[SessionState, list[Publish]]:
-    """Replace the view; publish what differs from the old one."""
+    """Replace the view; publish its differences from the old one."""
     old = state.view
     first_changepoint = first_difference(old.changepoints, view.changepoints)
     first = first_difference(old.segments, view.segments)
@@ -114,7 +114,7 @@ def apply_view(
 
 
 def update_program(state: SessionState, *, note: str | None = None) -> SessionState:
-    """Return the state with the next version of the task program, where the program has changed."""
+    """Return the state with the next version of the task program, if the program has changed."""
     header, view = state.program_header, state.view
     notes = (*view.notes, note) if note else view.notes
     complete = not state.is_open
@@ -158,13 +158,13 @@ def apply_program_edit(
 
 
 def replay_edit(state: SessionState, view: PipelineView, edited: EditOutcome, version: int) -> SessionState:
-    """Apply an edit of the journal: as `apply_edit`, with the version that its program had."""
+    """Apply an edit of the journal: as `apply_edit`, with the recorded version of its program."""
     state, _ = apply_edit(state, view, edited)
     return state._replace(program_header=state.program_header.model_copy(update={"version": version}))
 
 
 def apply_corrected_view(state: SessionState, view: PipelineView) -> SessionState:
-    """Replace the view by that of the corrections that have been counted already."""
+    """Replace the view by one whose corrections were counted before."""
     state, _ = apply_view(state, view, state.counters)
     corrections = with_states(state.program_header.corrections, view.unapplied)
     changes = {"t": observed_until_s(view), "notes": view.notes, "corrections": corrections}
@@ -181,7 +181,7 @@ def _next_program(state: SessionState, **changes: Any) -> SessionState:
 
 
 def _program_context(view: PipelineView) -> dict[str, Any]:
-    """Return the fields of a program, beside its apps, that a check compares it with."""
+    """Return the fields of a program other than its apps that a check uses."""
     return {
         "gaps": view.gaps[-MAX_GAPS:],
         "wrench": view.wrench,

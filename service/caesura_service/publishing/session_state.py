@@ -1,6 +1,6 @@
 """The published state of a session: immutable, so that any thread reads it without a lock.
 
-The messages of a snapshot are made from it at a query, not at every batch.
+The messages of a snapshot are made from the state at a query, not at every batch.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Stream = Literal["status", "changepoints", "segments", "posterior", "hints"]
 
 
 class SessionCounters(NamedTuple):
-    """The counters of a session. The first three count for the session, the rest for this process."""
+    """The counters of a session. The first three are of the session, the others since the process started."""
 
     batches: int = 0
     lost: int = 0
@@ -52,7 +52,7 @@ class SessionCounters(NamedTuple):
 
 
 class SessionState(NamedTuple):
-    """A session at one moment."""
+    """The published results, corrections, program edits and counters of a session at one time."""
 
     station: str
     session: str
@@ -186,18 +186,18 @@ def inferred_program_of(state: SessionState) -> Program:
 
 
 def program_at_edit(state: SessionState, number: int) -> Program:
-    """Make the version of the program that has the edits that count, up to a number; 0 for none."""
+    """Make the version of the program with the effective edits up to a number; 0: none."""
     inferred, log = inferred_program_of(state), state.program_edits
     return state.edited_programs.edited(state.program_header, inferred, log, number)
 
 
 def check_program_edit(state: SessionState, log: EditLog) -> None:
-    """Check that the last edit of a log applies to the program of now. Raises ProtocolError `conflict`."""
+    """Check that the last edit of a log applies to the current program. Raises ProtocolError `conflict`."""
     state.edited_programs.check_applies(inferred_program_of(state), log)
 
 
 def snapshot_of(state: SessionState, program: Program | None = None) -> Snapshot:
-    """Make the message of everything so far, with the last sequence number of each stream.
+    """Make the snapshot message of a session, with the last sequence number of each stream.
 
     program: by default the edited one.
     """

@@ -65,7 +65,7 @@ class HandDynamics(NamedTuple):
 
 
 class Robot:
-    """An arm of n joints from the base to the flange, and what is on it. Made by `load_robot`."""
+    """An arm of n joints from the base to the flange, with its tool. Made by `load_robot`."""
 
     def __init__(self, model: pin.Model, description: RobotDescription) -> None:
         self.description = description
@@ -144,7 +144,7 @@ class Robot:
         return self._flange_jacobian(self._checked(q))
 
     def joint_torques_of_wrench(self, q: ArrayLike, wrench_base: ArrayLike) -> Array:
-        """Joint torques that a wrench (6,) [N, Nm] on the flange amounts to, Jᵀw, (n,) [Nm]. Thesis 2.2."""
+        """Return the joint torques of a wrench (6,) [N, Nm] on the flange, Jᵀw, (n,) [Nm]. Thesis 2.2."""
         torques: Array = self.flange_jacobian(q).T @ np.asarray(wrench_base, dtype=np.float64)
         return torques
 
@@ -265,8 +265,8 @@ class Robot:
     def joints_along(self, poses: ArrayLike, q_start: ArrayLike) -> Array:
         """Joints (m, n) [rad] along poses (m, 7), position [m] and quaternion, each by the least motion.
 
-        q_start: near the first pose. Joint limits are not looked at. Raises ReachError where a pose is out of
-        reach, or where the step to it is too long for `ALONG_STEPS` Newton steps q ← q + J⁺ error.
+        q_start: near the first pose. Joint limits are not checked. Raises ReachError if a pose is out of
+        reach, or the step to it is too long for `ALONG_STEPS` Newton steps q ← q + J⁺ error.
         """
         q = self._checked(q_start).copy()
         goals = np.asarray(poses, dtype=np.float64)
@@ -396,7 +396,7 @@ def load_robot(robot: str | RobotDescription) -> Robot:
 
 
 def _check_postures(model: pin.Model, description: RobotDescription) -> None:
-    """Raises RobotError for a posture that the joints do not reach."""
+    """Raise RobotError for a posture that the joints cannot reach."""
     for joint, name in enumerate(description.joints):
         lowest, highest = model.lowerPositionLimit[joint], model.upperPositionLimit[joint]
         for number, posture in enumerate(description.postures):

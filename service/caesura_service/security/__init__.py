@@ -1,4 +1,4 @@
-"""Access of each role on the network, and the Zenoh files that enforce it. Has keys, and no network."""
+"""Access rights of each role on the network, and the Zenoh files that enforce them."""
 
 from caesura_service.security.roles import ROLES, Access, Identity, Role
 

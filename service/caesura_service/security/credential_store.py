@@ -1,9 +1,9 @@
 """The directory that `caesura certs` keeps: an authority, the router's certificate, one for each client.
 
-Nothing that exists is written over, but for the router's file, which follows from the rest. So the command
-may be run again to add a station. A certificate cannot be called back: Zenoh reads no revocation list. What
-can be done is to leave its name out of the router's rules. Therefore a certificate that replaces another
-has a common name of its own (`bridge.cell-1.2`), and `revoked/` remembers which were used.
+No existing file is overwritten, except the router's file, which is derived from the others. So the command
+may be run again to add a station. Zenoh reads no revocation list, so a certificate is revoked by leaving its
+name out of the router's rules. Therefore a certificate that replaces another has a new common name
+(`bridge.cell-1.2`), and `revoked/` lists the used ones.
 """
 
 from __future__ import annotations
@@ -53,14 +53,14 @@ class IssueRequest:
 
 @dataclass
 class CredentialStore:
-    """The files of one authority. Raises SecurityError, and OSError where they cannot be written."""
+    """The files of one authority. Raises SecurityError, and OSError if they cannot be written."""
 
     path: Path
     written: list[Path] = field(default_factory=list)
     endpoint: str = ""  # by which clients reach the router, once issued
 
     def issue(self, wanted: IssueRequest) -> None:
-        """Issue what is missing and rewrite the router's files."""
+        """Issue the missing certificates and rewrite the router's files."""
         self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
         authority = self._load_or_create_authority()
         server = self._load_or_issue_router(authority, wanted)
@@ -75,7 +75,7 @@ class CredentialStore:
         self._write_router_files(authority, server, listen)
 
     def revoke(self, label: str) -> None:
-        """Take a certificate and a password out of use, for the router's next start."""
+        """Revoke a certificate and a password, from the router's next start on."""
         holder = _identity(label)
         certificate = self._file(holder.label, "crt")
         if not certificate.exists():
@@ -103,7 +103,7 @@ class CredentialStore:
         return [_identity(stem) for stem in stems if stem not in {AUTHORITY, ROUTER}]
 
     def first_expiry(self) -> str:
-        """Return the date on which the first certificate ends."""
+        """Return the date on which the first certificate expires."""
         return f"{min(expiry(file.read_bytes()) for file in self.path.glob('*.crt')):%Y-%m-%d}"
 
     def _load_or_create_authority(self) -> Issued:
@@ -120,7 +120,7 @@ class CredentialStore:
         return self._store(ROUTER, issue_router(authority, ROUTER, hosts, wanted.days))
 
     def _hosts(self, wanted: IssueRequest) -> list[str]:
-        """Return the requested hosts, those of the present certificate, and this machine."""
+        """Return the requested hosts, those of the current certificate, and this machine."""
         kept = self._load(ROUTER)
         known = [] if kept is None else hosts_of(kept.certificate)
         return list(dict.fromkeys([*map(normal_host, wanted.hosts), *known, *THIS_MACHINE]))
@@ -213,7 +213,7 @@ class CredentialStore:
         self.written.append(file)
 
     def _replace(self, file: Path, text: str) -> None:
-        """Write a secret file that follows from others; its predecessor is kept as `.old`."""
+        """Write a secret file that is derived from others; the previous one is renamed to `.old`."""
         if file.exists():
             if file.read_text() == text:
                 return

@@ -1,9 +1,9 @@
 """Which peers could connect to an endpoint, checked before the service listens on it.
 
-An endpoint that other machines reach must demand credentials: a certificate (TLS or QUIC with `enable_mtls`
-and an authority of its own; without one, Zenoh takes every public authority's word) or a password from a
-dictionary. A password does not cross the wire (Zenoh answers a challenge with it), but on a link that is not
-encrypted everything after it does, and the link may be taken over: allowed, with a warning.
+An endpoint that other machines reach must require credentials: a certificate (TLS or QUIC with `enable_mtls`
+and an authority of its own; without one, Zenoh accepts every public authority) or a password from a
+dictionary. The password is not sent (Zenoh uses challenge and response). On a link without encryption all
+later messages can be read, and the link can be hijacked: this is allowed, with a warning.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def resolve_host(host: str) -> Sequence[str]:
 
 
 def is_local(endpoint: str, resolve: Resolve = resolve_host) -> bool:
-    """Whether only this machine reaches an endpoint: each address of its host is a loopback."""
+    """Return whether every address of an endpoint's host is a loopback address."""
     parsed = parse_endpoint(endpoint)
     if parsed.protocol in ON_THIS_MACHINE:
         return True
@@ -88,7 +88,7 @@ def presented_credentials(endpoint: str, read: Read) -> Credentials:
 
 
 def exposure_error(endpoint: str) -> str:
-    """Return why the service does not listen on an open endpoint, or on what is none, and the remedies."""
+    """Return why the service must not listen on an open or invalid endpoint, with the remedies."""
     parsed = parse_endpoint(endpoint)
     host, _, port = parsed.address.rpartition(":")
     if not parsed.protocol or not host or not port.isdecimal():

@@ -1,7 +1,7 @@
-"""The table of roles and their rights, from which access rules and their documentation are made.
+"""The table of roles and their rights, from which access rules and their documentation are generated.
 
-What a role is not given here it does not have. A role is held under a name: `bridge.cell-1` may
-be station cell-1 and no other, `service.caesura-1` the instance caesura-1 and no other.
+A role has only the rights in this table. An identity is a role with a name: `bridge.cell-1` may act only for
+station cell-1, `service.caesura-1` only as instance caesura-1.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Role = Literal["service", "bridge", "dashboard", "operator"]
 
 @dataclass(frozen=True)
 class Access:
-    """Key expressions, by what may be done with them; those that they include are meant too."""
+    """Key expressions by verb; keys that they include are granted too."""
 
     put: tuple[str, ...] = ()
     subscribe: tuple[str, ...] = ()
@@ -41,7 +41,9 @@ BRIDGE_STATUS = station_key("*", "bridge_status")
 
 
 def _service(instance: str) -> Access:
-    """One instance, where the router is another process. Any instance may come to own any station."""
+    """Return the access of one instance, if the router is another process. Any instance may own any
+    station.
+    """
     return Access(
         put=(*RESULTS, PROGRAMS, service_key(instance, "status")),
         subscribe=(SAMPLES,),
@@ -60,9 +62,10 @@ def _service(instance: str) -> Access:
 
 
 def _bridge(station: str) -> Access:
-    """The robot of one station. It queries its own sessions, and whether another bridge has its station.
+    """Return the access of a station's robot. It queries its own sessions, and whether another bridge has its
+    station.
 
-    It may also start and stop itself, so that a pedal at the robot needs no credentials of its own.
+    It may also send its own start and stop, so that a pedal at the robot needs no other credentials.
     """
     control = station_key(station, "bridge_control")
     return Access(
@@ -89,7 +92,7 @@ def _dashboard(_name: str) -> Access:
 
 
 def _operator(name: str) -> Access:
-    """A dashboard that may also send commands to every station, and start and stop its bridge."""
+    """Return the access of a viewer that may also command every station, and start and stop its bridge."""
     reader = _dashboard(name)
     return Access(
         subscribe=reader.subscribe,

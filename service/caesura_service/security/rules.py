@@ -1,9 +1,9 @@
-"""Zenoh's access rules from the table of roles.
+"""Makes Zenoh's access rules from the table of roles.
 
-A router looks at every message twice: when it comes in from one peer (ingress) and when it goes out to
-another (egress), each time with the rights of that peer. So each thing that may be done takes several
-messages, in two directions; `MESSAGES` has them all. Deny is the default. A peer without a policy
-(its certificate is no longer listed) may connect and do nothing else.
+A router checks every message twice: when it comes in from one peer (ingress) and when it goes out to another
+(egress), each time with the rights of that peer. So each verb needs several messages, in two directions;
+`MESSAGES` lists them. Deny is the default. A peer without a policy (its certificate is no longer listed) may
+connect and do nothing else.
 """
 
 from __future__ import annotations

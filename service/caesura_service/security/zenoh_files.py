@@ -1,7 +1,7 @@
-"""The json5 files that Zenoh reads: one for the router, one for each client, each complete in itself.
+"""The json5 files that Zenoh reads: one for the router, and one for each client.
 
-Certificates and keys are written into them, so that one file is all that has to be copied to a machine, and
-no path in it can be wrong there.
+Each file contains its certificates and keys. So it is the only file to copy to a machine, and contains no
+path.
 """
 
 from __future__ import annotations

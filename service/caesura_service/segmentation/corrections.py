@@ -1,17 +1,18 @@
 """The corrections of a session, resolved to constraints of the filter and the program.
 
 Rules
-- A correction is resolved once, against what is shown when it is made, to observations and times. Those never
-  change, so the same corrections mean the same from the first sample on as after the last one.
-- What is removed is gone: from the changepoint before it to the one after it there is none. Were only its
-  own place forbidden, what made it one would put it right beside.
-- Of two that speak of one observation the later one counts.
-- A kind, a force limit and a name hold for the segment, the app or the phase that covers the middle of what
-  they were given to: they are found again there after its ends have moved.
-- Undo takes the last one away, take_back any of them. Redo puts back what was taken away last, at its place
-  among the others, and a new one ends what could be put back.
-- A correction that set a changepoint stays while a later one refers to that changepoint.
-- A correction whose place is gone is listed as not applied, and is applied again once its place is back.
+- A correction is resolved once, against the results shown when it is made, to observations and times. These
+  never change, so corrections have the same effect whether they are applied from the first sample or at the
+  end.
+- Removing a changepoint forbids starts from the changepoint before it to the one after it. If only its own
+  observation were forbidden, the filter would put it at the next one.
+- Of two corrections of one observation the later one counts.
+- A kind, a force limit or a name applies to the segment, app or phase that covers the middle of the corrected
+  one: so it is found again after its ends have moved.
+- Undo revokes the last correction, take_back any of them. Redo restores the one revoked last, at its place
+  among the others, and a new correction clears those that could be restored.
+- A correction that set a changepoint cannot be revoked while a later one refers to that changepoint.
+- A correction whose target is gone is listed as not applied, and is applied again once the target is back.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ _REFERS = {
 
 @dataclass(frozen=True)
 class ResolvedEdit:
-    """A correction, resolved to numbers of observations and to times."""
+    """A correction, resolved to observations and times."""
 
     inserted: float | None = None  # [s] the first start whose place on the grid ends after this
     starts: tuple[int, ...] = ()  # a segment starts there
@@ -72,7 +73,7 @@ class ResolvedEdit:
 
     @property
     def number(self) -> int:
-        """The revision that the correction made; 0 for one that no history has."""
+        """The revision that the correction made; 0 for one that is in no history."""
         return 0 if self.made is None else self.made.number
 
     def refers_to(self, index: int) -> bool:
@@ -107,7 +108,7 @@ def _runs(indices: Sequence[int]) -> Iterator[tuple[int, int]]:
 
 
 def _ranges(numbers: Sequence[int]) -> list[int | str]:
-    """Return rising numbers in words; those that follow each other become one range.
+    """Return rising numbers; consecutive ones are joined to a text of their range.
 
     >>> _ranges([1, 2, 3, 5])
     ['1 to 3', 5]
@@ -118,7 +119,7 @@ def _ranges(numbers: Sequence[int]) -> list[int | str]:
 
 @dataclass(frozen=True)
 class VisibleChangepoint:
-    """A changepoint that is shown."""
+    """A changepoint of the view."""
 
     t: float  # [s]
     start: int  # observation at which its segment starts
@@ -130,7 +131,7 @@ class VisibleChangepoint:
 
 @dataclass(frozen=True)
 class VisibleSegment:
-    """A segment that is shown: observations start to end, the end not included."""
+    """A segment of the view: observations start to end, the end not included."""
 
     t0: float  # [s]
     tn: float
@@ -156,7 +157,7 @@ class EditContext:
 
 @dataclass(frozen=True)
 class EditHistory:
-    """The corrections of a session, oldest first: those that count, and those that were undone."""
+    """The corrections of a session, oldest first: those in effect, and those that were undone."""
 
     active: tuple[ResolvedEdit, ...] = ()
     undone: tuple[ResolvedEdit, ...] = ()
@@ -172,7 +173,7 @@ class EditHistory:
         return tuple(sorted((*applied, *taken_back), key=lambda one: one.number))
 
     def up_to(self, number: int) -> EditHistory:
-        """Return the corrections that count, up to a number. Raises ProtocolError above the revision."""
+        """Return the corrections in effect, up to a number. Raises ProtocolError above the revision."""
         if number > self.revision:
             why = "the session has no such correction"
             raise ProtocolError("malformed", why, value=number, limit=self.revision)
@@ -181,7 +182,7 @@ class EditHistory:
     def after(self, edit: messages.Edit, at: float, resolve: Callable[[Change], ResolvedEdit]) -> EditHistory:
         """Return the history with one more edit. at: time of day [s]; resolve: as `resolved`.
 
-        Raises ProtocolError where there is nothing to undo or redo, and for more than MAX_CORRECTIONS.
+        Raises ProtocolError if there is nothing to undo or redo, and for more than MAX_CORRECTIONS.
         """
         active, undone, number = self.active, self.undone, self.revision + 1
         match edit.action:
@@ -203,7 +204,7 @@ class EditHistory:
                 return EditHistory((*active, replace(resolve(change), made=made)), (), number)
 
     def taken_back(self, action: Undo | TakeBack) -> ResolvedEdit:
-        """Return the correction that is taken back. Raises ProtocolError where there is none."""
+        """Return the correction that an action revokes. Raises ProtocolError if there is none."""
         if isinstance(action, Undo):
             if not self.active:
                 raise ProtocolError("conflict", "there is nothing to undo", value=self.revision)
@@ -239,7 +240,7 @@ class EditHistory:
         """Return the history with one more of the journal's resolved edits.
 
         kinds: of segments in the session, which another version of the service may have changed; at: time of
-        day [s]. Raises ProtocolError where the edit makes no sense now.
+        day [s]. Raises ProtocolError if the edit is invalid now.
         """
 
         def known(change: Change) -> ResolvedEdit:
@@ -252,13 +253,13 @@ class EditHistory:
         return self.after(edit, at, known)
 
     def as_anew(self) -> EditHistory:
-        """Return the history with its last correction marked as resolved once more at a restart."""
+        """Return the history with a mark that its last correction was resolved again at a restart."""
         if not self.active:
             return self
         return replace(self, active=(*self.active[:-1], replace(self.active[-1], anew=True)))
 
     def passed_over(self) -> EditHistory:
-        """Return the history with the next revision, for an edit that cannot be made again."""
+        """Return the history with the next revision, for a recorded edit that cannot be applied again."""
         return replace(self, revision=self.revision + 1)
 
 
@@ -287,7 +288,7 @@ class FilterConstraints:
     def start(self, index: int, until: float) -> bool | None:
         """Return whether a segment starts at observation `index`; None without a correction.
 
-        until: [s] up to which a time means this observation, or one before it. To be asked once for each.
+        until: times [s] before it belong to this observation or an earlier one. Call it once per observation.
         """
         if index == 0:
             return None
@@ -301,11 +302,11 @@ class FilterConstraints:
         return answer
 
     def is_placed(self, index: int) -> bool:
-        """Return whether a correction states the time of a start there."""
+        """Return whether a correction states the time of a start at this observation."""
         return index in self._placed
 
     def is_certain(self, index: int) -> bool:
-        """Return whether a correction sets a start there."""
+        """Return whether a correction sets a start at this observation."""
         return index in self._certain
 
     def label(self, start: int, end: int) -> str | None:
@@ -377,9 +378,9 @@ def _is_exerted(t: float, apps: Sequence[App]) -> bool:
 
 
 def resolved(action: Change, shown: EditContext) -> ResolvedEdit:
-    """Return a correction, resolved against what is shown.
+    """Return a correction, resolved against the view.
 
-    Raises ProtocolError, with the places that there are, where it points at nothing.
+    Raises ProtocolError, which lists the existing times, if it has no target.
     """
     match action:
         case Insert(t=t):

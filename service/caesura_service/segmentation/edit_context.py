@@ -23,7 +23,8 @@ def edit_context(
 ) -> EditContext:
     """Return the changepoints, segments, apps and phases that an operator may correct.
 
-    parts: every segment; gaps: observations that begin behind a gap; t_first: [s] the first observation.
+    parts: every segment; gaps: the observations that follow a gap; t_first: time of the first observation
+    [s].
     """
     spans = [
         VisibleSegment(
@@ -49,7 +50,7 @@ def edit_context(
 
 
 def _visible(before: SegmentEntry, part: SegmentEntry, gaps: Container[int]) -> VisibleChangepoint:
-    """Return a changepoint, with what lies between its neighbours."""
+    """Return a changepoint, with the observations between its neighbours."""
     give_way()
     shown = part.changepoint
     return VisibleChangepoint(

@@ -1,6 +1,6 @@
 """Final messages, stored as the codec's own bytes and decoded when they are read.
 
-What is kept only grows, so another thread may read what a view shows of it. The old ones are in a file.
+A log only grows, so another thread may read the part that a view shows. Old messages are in a file.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class EncodedMessageLog(Generic[M]):
 
 
 class MessageSequence(PreEncoded, Sequence[M]):  # noqa: PLW1641 - without a hash, as a list
-    """The messages of a log at one time and others behind them, without the first ones. Immutable.
+    """The messages of a log at one time, followed by other messages. Immutable.
 
     first: the number of messages left out at the beginning.
     """
@@ -125,7 +125,7 @@ def packed(model: type[M], messages: Iterable[M]) -> MessageSequence[M]:
 
 
 def alike(one: Sequence[M], other: Sequence[M]) -> int:
-    """Return a lower bound on the length of the common prefix, from the stored bytes."""
+    """Return a lower bound on the length of the common prefix of two sequences, from their stored bytes."""
     if (
         not (isinstance(one, MessageSequence) and isinstance(other, MessageSequence))
         or one._start != other._start

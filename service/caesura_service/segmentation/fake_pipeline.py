@@ -1,8 +1,8 @@
-"""A pipeline without mathematics, for tests of everything around it: a changepoint at every jump.
+"""A pipeline without a filter, for tests of its surroundings: a changepoint at every jump.
 
-It looks at every tenth sample's second column and says that a segment ends where it jumps by more than
-one half. Like the real one it is pure, and like the real one it revises: the last changepoint stays
-provisional until the next one comes.
+It reads the second column of every tenth sample, and ends a segment where this jumps by more than one half.
+Like the real one it is pure, and revises its results: the last changepoint stays provisional until the next
+one.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _KEPT = 1 << 14  # messages of the longest session of a test: each view has all 
 
 
 def make_fake_pipeline(opening: Open, default_preset: str) -> Pipeline:
-    """A FakePipeline. Raises ProtocolError for a preset that is not one of PRESETS."""
+    """Return a FakePipeline. Raises ProtocolError for a preset that is not one of PRESETS."""
     preset = opening.preset or default_preset
     if preset not in PRESETS:
         raise ProtocolError("malformed", "unknown preset", value=preset, expected=list(PRESETS))
@@ -93,7 +93,7 @@ class FakePipeline:
         return float("-inf")
 
     def push(self, samples: NDArray[np.float64]) -> bool:
-        """Take samples (n, columns). Raises ValueError, and has not changed then, for IMPOSSIBLE ones."""
+        """Process samples (n, columns). Raises ValueError for IMPOSSIBLE ones, and then changes nothing."""
         if (samples[:, 1] == IMPOSSIBLE).any():
             raise ValueError(f"px is {IMPOSSIBLE}, expected what a robot can send")
         for row in samples:
@@ -110,7 +110,7 @@ class FakePipeline:
         """Make nothing, because every push makes its program."""
 
     def declare_gap(self) -> None:
-        """Remember to close the gap at the next sample, or at the end."""
+        """Record a gap, which ends at the next sample, or at the end."""
         self._gap_pending = True
 
     def refresh(self) -> None:
@@ -213,7 +213,7 @@ def _changepoint(t: float, *, is_final: bool) -> Changepoint:
 
 @lru_cache(_KEPT)
 def _segment(t0: float, tn: float, digest: float | None) -> Segment:
-    """digest: of the samples so far; None where the segment is final."""
+    """Make a segment. digest: of the samples so far; None if the segment is final."""
     return Segment(
         t0=t0,
         tn=tn,

@@ -1,6 +1,6 @@
 """The final segments and changepoints of a session, stored so that a view does not rebuild them.
 
-What the program still looks back at is kept as it is, what lies before that in a fifth of the memory.
+Segments that the program still needs are stored as objects; earlier ones encoded, in a fifth of the memory.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class SegmentEntry(NamedTuple):
 
 
 class FinalizedSegments:
-    """The settled parts of a demonstration, in order."""
+    """The settled segments of a demonstration with their changepoints, in order."""
 
     def __init__(self) -> None:
         self._starts = array("q", [0])  # of those that are packed, and of the first that is not
@@ -39,10 +39,7 @@ class FinalizedSegments:
         return len(self._segments) + len(self._parts)
 
     def take(self, parts: Iterable[SegmentEntry], quiet: int) -> None:
-        """Add parts that have settled, and encode those before part number `quiet`.
-
-        No later program reads these.
-        """
+        """Add settled parts, and encode those before part number `quiet`, which no later program reads."""
         self._parts += parts
         count = max(min(quiet - len(self._segments), len(self._parts)), 0)
         packed, self._parts = self._parts[:count], self._parts[count:]

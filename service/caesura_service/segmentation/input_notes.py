@@ -1,4 +1,4 @@
-"""The notes of a session on its input: the use of its wrench, and values that its opening does not state."""
+"""Notes of a session on its input: the use of its wrench, and values that its opening does not state."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ NO_GRIPPER = (
 def standing_notes(
     opening: Open, preset: Preset, layout: SampleLayout, in_use: WrenchCapabilities
 ) -> tuple[str, ...]:
-    """Return the notes that hold all along a session."""
+    """Return the notes that do not change during a session."""
     weighs = any("holding" in kind.channels for kind in preset.kinds) and layout.source.transport_models
     without = weighs and "gripper" not in opening.columns
     of_file = (words for key, words in ASSUMED.items() if key in opening.assumed)

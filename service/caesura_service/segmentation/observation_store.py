@@ -39,10 +39,10 @@ EMPTY_GRIPPER_M = 0.003  # fingers that settle closer than this hold nothing
 
 
 class ObservationStore:
-    """Rows of observations, with running sums of the vertical force so that any mean costs the same.
+    """Rows of observations, with cumulative sums of the vertical force for means in constant time.
 
-    Everything is stored in the robot's base frame. upright: (3, 3) the rotation that turns up to +z; the
-    segment models see what it has turned. None where the base is upright.
+    All values are in the robot's base frame. upright: (3, 3) the rotation that maps up to +z; the inputs of
+    the segment models are rotated by it. None if the base is upright.
     """
 
     def __init__(self, upright: Array | None = None) -> None:
@@ -108,7 +108,7 @@ class ObservationStore:
     def boundary_before(self, index: int) -> float | None:
         """Return the time [s] at which a segment that starts with the observation before begins.
 
-        None where it is not known.
+        None if it is unknown.
         """
         found = self._row(index)[_BOUNDARY]
         return None if math.isnan(found) else found
@@ -142,11 +142,11 @@ class ObservationStore:
         return x, y, z
 
     def press(self, start: int, end: int) -> tuple[float, float, float]:
-        """Return the median force (3,) [N] from start to end, which is not included, while it was strong.
+        """Return the median of the strong forces (3,) [N] from start to end, which is not included.
 
-        Strong is PRESS_SHARE of the force that a tenth of the time exceeds: touching and letting go are left
-        out. At most PRESS_LOOKS observations are read, evenly spread. The median is that of each axis, of
-        which one is vertical.
+        A force is strong above PRESS_SHARE of the upper decile, which leaves out touch and release. At most
+        PRESS_LOOKS observations are read, evenly spread. The median is taken on each axis, one of which is
+        vertical.
         """
         forces = self._forces(range(start, end, -(-(end - start) // PRESS_LOOKS)))
         sizes = np.sqrt(np.square(forces) @ np.ones(3))
@@ -159,8 +159,8 @@ class ObservationStore:
     def poses(self, t0: float, tn: float) -> tuple[Array, Array]:
         """Return times (n,) [s] and flange poses (n, 7) between the observations nearest to t0 and to tn.
 
-        So a stretch starts at the end of the one before it, but behind a gap at its own first observation.
-        Poses are (n, 3) where an orientation is not known. Of more than POSES some are left out, evenly.
+        So a range starts at the end of the one before it, and after a gap at its own first observation. Poses
+        are (n, 3) if an orientation is unknown. More than POSES are decimated evenly.
         """
         start, end = self.nearest(t0), self.nearest(tn)
         if start < end and t0 > self.t(start) + SAME_S and self.after_gap(start + 1):
@@ -171,7 +171,9 @@ class ObservationStore:
         return rows[:, _T].copy(), np.hstack([rows[:, _POSITION], turns] if known else [rows[:, _POSITION]])
 
     def course(self, begin: int, last: int) -> Course:
-        """Return the course of a turn from one observation to another, evenly thinned to about TURN_LOOKS."""
+        """Return the observations of a turn between two observations, evenly decimated to about
+        TURN_LOOKS.
+        """
         rows = self._rows(begin, last, TURN_LOOKS)
         torques = rows[:, _TORQUE]
         return Course(
@@ -202,7 +204,9 @@ class ObservationStore:
         return total, total2
 
     def moment(self, t: float) -> Moment:
-        """Return the robot at the observation nearest to a time [s]. Raises IndexError without one."""
+        """Return the robot's state at the observation nearest to a time [s]. Raises IndexError without
+        one.
+        """
         return self.moment_at(self.nearest(t))
 
     def nearest(self, t: float) -> int:
@@ -213,14 +217,14 @@ class ObservationStore:
         return after - 1 if after and t - self.t(after - 1) <= self.t(after) - t + SAME_S else after
 
     def _first_from(self, t: float) -> int:
-        """Return the first observation not before a time [s]; mostly it is one of the last ones."""
+        """Return the first observation at or after a time [s], searched from the end."""
         end, reach = self._count, 1
         while reach <= self._count and self.t(self._count - reach) >= t:
             end, reach = self._count - reach, 2 * reach
         return bisect_left(range(end), t, max(self._count - reach, 0), key=self.t)
 
     def moment_at(self, index: int) -> Moment:
-        """Return the robot at an observation."""
+        """Return the robot's state at an observation."""
         row = self._row(index)
         return Moment(
             position=self.position(index),
@@ -232,7 +236,7 @@ class ObservationStore:
 
 
 def _known(part: Row) -> Any:
-    """Return a part of a row; None where it is nan."""
+    """Return a part of a row; None if it is nan."""
     return None if math.isnan(part[0]) else part
 
 
@@ -260,9 +264,9 @@ def _upper_decile(values: Array) -> float:
 
 
 def turned_upright(seen: ModelInput, upright: Array | None) -> ModelInput:
-    """Return a model input, turned so that the direction away from gravity is +z.
+    """Return a model input, rotated so that the direction away from gravity is +z.
 
-    upright: (3, 3) the rotation; None where the input is upright already.
+    upright: (3, 3) the rotation; None if the input is already upright.
     """
     if upright is None:
         return seen
@@ -278,7 +282,7 @@ def force_scale(observation: Observation) -> float:
 
 
 def holding(observation: Observation) -> float:
-    """Return 1 where the gripper holds something, 0 where it does not, nan where that is not known."""
+    """Return 1 if the gripper holds something, 0 if it does not, nan if that is unknown."""
     if observation.gripper_closed is None:
         return np.nan
     empty = observation.gripper_width is not None and observation.gripper_width <= EMPTY_GRIPPER_M

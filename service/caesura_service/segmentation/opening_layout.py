@@ -1,4 +1,4 @@
-"""The layout of a session's samples and the robot that they are of, from its opening."""
+"""The layout of a session's samples and their robot, from its opening."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from caesura_service.signals import SampleLayout
 def layout_of(opening: Open) -> SampleLayout:
     """Return the layout by which the samples of a session are read.
 
-    Seven joints of a robot that is not stated are read as those of a Panda. Raises ValueError for a robot
-    that is not known, and for columns that cannot be segmented.
+    Seven joints without a stated robot are those of a Panda. Raises ValueError for an unknown robot, and for
+    columns that cannot be segmented.
     """
     return sample_layout(opening, robot_of(opening))
 
@@ -41,9 +41,9 @@ def robot_of(opening: Open) -> Robot | None:
 
 
 def arm_of(opening: Open, robot: Robot | None) -> ArmLimits | None:
-    """Return the limits that hints compare the joints with.
+    """Return the limits of the arm for hints on its joints.
 
-    None where the arm is assumed, or no joints are reported.
+    None if the arm is assumed, or no joints are reported.
     """
     if robot is None or opening.robot is None or not _joints_of(opening):
         return None

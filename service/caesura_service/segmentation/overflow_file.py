@@ -1,8 +1,8 @@
 """Append-only bytes: the last block in memory, earlier ones in a file, in blocks of equal size.
 
-One file a process, without a name, so that it is gone with the process however that ends. A block's room is
-used again once no object refers to it. What cannot be written stays in memory, and is retried a block later.
-What is there may be read by any thread while another one appends.
+Each process has one file, without a name, which the operating system deletes with the process. A block's
+space is reused once no object refers to it. A block that cannot be written stays in memory, and is retried
+one block later. Any thread may read while another one appends.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ UNREADABLE = (
 
 
 class OverflowFile:
-    """A file of blocks, made when the first one is put into it."""
+    """A file of blocks, created with the first one."""
 
     def __init__(self, directory: Path | None = None, *, block: int = BLOCK) -> None:
-        """directory: in place of the system's for temporary files. block: [bytes]."""
+        """directory: instead of the system's for temporary files. block: size [bytes]."""
         self.directory, self.block = directory, block
         self._file: _File | None = None
 
@@ -55,7 +55,7 @@ class OverflowFile:
 
 
 class FileBlock:
-    """A part of a file; its room is free again with the last reference to it."""
+    """A part of a file; its space is free again with the last reference to it."""
 
     __slots__ = ("_file", "_place")
 
@@ -107,7 +107,7 @@ SPOOL = OverflowFile()
 
 
 class AppendLog:
-    """Bytes that only grow; at most two blocks of them in memory."""
+    """Append-only bytes; at most two blocks of them in memory."""
 
     def __init__(self, spool: OverflowFile = SPOOL) -> None:
         self._spool = spool

@@ -1,7 +1,7 @@
-"""The load of a stretch: its vertical force against that of free space before and after.
+"""Estimates the load of a segment from its vertical force relative to free space before and after.
 
-A sensor's bias wanders by newtons within a recording, a 60 g object weighs 0.6 N: so the force while
-something is carried is compared with free space on either side of it, not with zero.
+A sensor's bias drifts by newtons within a recording, and a 60 g object weighs 0.6 N. So the force during a
+carry is compared with free space on either side of it, not with zero.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ class Load:
 
 
 def is_baseline(stretch: InferredSegment, history: ObservationStore, bias_n: float) -> bool:
-    """Whether a stretch is free space that a load can be compared with.
+    """Return whether a segment is free space with which a load can be compared.
 
-    It has LEAST_BASELINE observations, and no force that its bias, of scale bias_n [N], cannot account for.
+    It has at least LEAST_BASELINE observations, and no force beyond a bias of scale bias_n [N].
     """
     if stretch.verdict.kind.contact != "free" or stretch.end - stretch.start < LEAST_BASELINE:
         return False
@@ -42,7 +42,7 @@ def is_baseline(stretch: InferredSegment, history: ObservationStore, bias_n: flo
 def weigh(
     stretches: Sequence[InferredSegment], index: int, history: ObservationStore, bias_n: float
 ) -> Load | None:
-    """Return the load of a stretch in which something is carried; None for any other.
+    """Return the load of a segment in which something is carried; None for any other.
 
     bias_n [N]: scale of the force in free space.
     """

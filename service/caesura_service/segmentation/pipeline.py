@@ -78,10 +78,10 @@ ALL_EVERY = 150  # observations
 
 
 def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None = None) -> Pipeline:
-    """The pipeline of a session. Raises ProtocolError `malformed` for a preset or columns that fail.
+    """Make the pipeline of a session. Raises ProtocolError `malformed` for an invalid preset or columns.
 
-    threshold: on the smoothed probability, decides what is a changepoint instead of the best segmentation.
-    Raises ValueError for one that is not between 0 and 1.
+    threshold: on the smoothed probability; it defines changepoints instead of the best segmentation. Raises
+    ValueError for one that is not between 0 and 1.
     """
     name = opening.preset or default_preset
     try:
@@ -113,7 +113,7 @@ def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None
 
 
 def _pose(observation: Observation, upright: NDArray[np.float64] | None) -> ObservedPose:
-    """Return an observation as coaching reads it; upright: as of `ObservationStore`."""
+    """Return an observation in the form that coaching uses; upright: as in `ObservationStore`."""
     vectors = observation.position_base, observation.velocity_base, observation.force_base
     if upright is not None:
         vectors = upright.dot(vectors[0]), upright.dot(vectors[1]), upright.dot(vectors[2])
@@ -149,7 +149,7 @@ class _Happened(NamedTuple):
 
 
 class _Looked(NamedTuple):
-    """After how many observations segments were last made, and the program; all that had happened."""
+    """The state at the last update of the segments: numbers of observations, and their other inputs."""
 
     observations: int = -LOOK_EVERY
     program: int = -PROGRAM_EVERY
@@ -207,13 +207,13 @@ class SegmentationPipeline:
         return self._conditioner.due_s if self._first_second.is_over else -math.inf
 
     def push(self, samples: NDArray[np.float64]) -> bool:
-        """Take the next samples. Raises ValueError for impossible ones; nothing has changed then."""
+        """Process samples. Raises ValueError for impossible ones, and then changes nothing."""
         is_news = self.push_without_program(samples)
         self.make_due_program()
         return is_news
 
     def push_without_program(self, samples: NDArray[np.float64]) -> bool:
-        """Push samples as `push` does; a program that is due is left to `make_due_program`."""
+        """Push samples as `push` does; a due program is postponed to `make_due_program`."""
         if (found := self._first_second.look(samples)) is not None:
             declare = f"declare the unit of {found.quantity} in the opening's `declared_units` if it is right"
             raise ValueError(f"implausible: {found}; {declare}")
@@ -227,11 +227,11 @@ class SegmentationPipeline:
 
     @property
     def has_due_program(self) -> bool:
-        """Whether a look has left its program to `make_due_program`."""
+        """Whether the last update has postponed its program to `make_due_program`."""
         return self._due_parts is not None
 
     def make_due_program(self) -> None:
-        """Make the program of the last look, if it has left it."""
+        """Make the program that the last update has postponed, if any."""
         if self._due_parts is None:
             return
         parts, self._due_parts = self._due_parts, None
@@ -239,12 +239,12 @@ class SegmentationPipeline:
         self._view = self._view._replace(**self._program_part)
 
     def declare_gap(self) -> None:
-        """Say that samples between the last push and the next, or the end, are lost for good."""
+        """Declare that samples between the last push and the next, or the end, are permanently lost."""
         self._conditioner.declare_gap()
         self._lost = True
 
     def finish(self) -> None:
-        """The demonstration is over: what is still open is decided as it stands."""
+        """End the demonstration: decide everything that is still open."""
         self._finished = True
         if self._lost and self._conditioner.samples:
             latest = self._conditioner.t_last
@@ -256,13 +256,13 @@ class SegmentationPipeline:
     def resolve(self, change: Change) -> ResolvedEdit:
         """Return a correction, resolved against the newest view.
 
-        Raises ProtocolError where it points at nothing.
+        Raises ProtocolError if it has no target.
         """
         self.refresh()
         return resolved(change, self._shown())
 
     def refresh(self) -> None:
-        """Bring the view up to date; an edit asks for it several times at one observation."""
+        """Bring the view up to date; an edit calls this several times at one observation."""
         happened, count = self._happened(), self._division.online.count
         if self._looked == _Looked(count, count, happened) and self._due_parts is None:
             return
@@ -271,17 +271,17 @@ class SegmentationPipeline:
 
     @property
     def kinds(self) -> Sequence[str]:
-        """Names of the kinds that a segment may have."""
+        """The names of the kinds that a segment may have."""
         return [*dict.fromkeys(kind.name for kind in self._division.online.lattice.kinds)]
 
     def observation_at(self, t: float) -> int:
-        """Return the observation at which a changepoint that is inserted at a time [s] starts a segment."""
+        """Return the first observation of a segment whose changepoint is inserted at a time [s]."""
         return max(1, bisect_right(range(len(self._history)), t, key=self._history.t))
 
     def corrected(self, corrections: Sequence[ResolvedEdit]) -> Self:
         """Return the same demonstration with these corrections from its first sample on.
 
-        It takes the place of this pipeline.
+        It replaces this pipeline.
         """
         other = copy(self)
         other._heeded = FilterConstraints(corrections)
@@ -297,7 +297,7 @@ class SegmentationPipeline:
         return other
 
     def _close_hints(self) -> None:
-        """Clear what is active: the demonstration is over."""
+        """Clear the active hints at the end of the demonstration."""
         for log in (self._coach.log, self._boundary_coach.log):
             log.clear_all(self._history.t_last)
         self._view = self._view._replace(hints=all_hints(self._coach.log, self._boundary_coach.log))
@@ -344,7 +344,7 @@ class SegmentationPipeline:
         self._decided_phases = EncodedMessageLog(Phase)
 
     def _signal_coach(self, *, tared: bool) -> SignalCoach:
-        """Return the coach on signals; it judges the force where that is declared to be without a hand."""
+        """Return the coach on signals; it uses the force if the wrench is declared to be without a hand."""
         source = self._source
         return SignalCoach(
             CoachingSetup(
@@ -357,7 +357,7 @@ class SegmentationPipeline:
         )
 
     def _step(self, index: int) -> None:
-        """Filter an observation, and look whether the posterior gives a hint."""
+        """Filter an observation, and raise or clear hints from the posterior."""
         self._division.step(index)
         division, t = self._division, self._history.t(index)
         self._boundary_coach.observe(division.online, t, division.places, rests=self._history.rests(index))
@@ -395,7 +395,7 @@ class SegmentationPipeline:
             self._view = self._look(happened, program=False)
 
     def _keep_up(self) -> None:
-        """Store the segments that have settled, where these are many by now."""
+        """Store the settled segments once there are many."""
         if self._division.online.count >= self._looked.program + ALL_EVERY:
             self.refresh()
         elif self._division.unlooked >= SETTLE_EVERY:
@@ -435,7 +435,7 @@ class SegmentationPipeline:
     def _look(self, happened: _Happened, *, program: bool = True) -> PipelineView:
         """Return a new view. A program that is due stays as before until `make_due_program`.
 
-        program: make phases, and leave a program to be made; neither is due at each look.
+        program: whether to make phases, and to postpone a program; neither is due at each update.
         """
         division = self._division
         count, made = division.online.count, self._looked.program
@@ -502,7 +502,7 @@ class SegmentationPipeline:
         return self._program.apps(steps, len(self._division.settled), self._grips, self._gaps.all)
 
     def _is_beyond(self, t: float) -> bool:
-        """Whether the session has ended before a changepoint at a time [s] could start a segment."""
+        """Return whether the session has ended before a segment could start at a time [s]."""
         return self._finished and self.observation_at(t) >= self._division.online.count
 
     def _limited(self, app: App) -> App:
@@ -534,12 +534,12 @@ class SegmentationPipeline:
             yield ENDS_MOVING
 
     def _moves(self, index: int) -> bool:
-        """Whether the flange has moved since the observation before; False where that is not known."""
+        """Return whether the flange has moved since the observation before; False if that is unknown."""
         known = 0 < index < len(self._history) and not self._history.after_gap(index)
         return known and not self._history.rests(index)
 
     def _notes(self) -> tuple[str, ...]:
-        """The wrench source in use and what it cannot show, the gaps, and corrections resolved anew."""
+        """Return the notes on the wrench source in use, its limits, gaps, and corrections resolved again."""
         notes = [*self._standing_notes]
         if (doubt := self._conditioner.tare_doubt) and self._in_use.contact_models:
             notes.append(doubt)

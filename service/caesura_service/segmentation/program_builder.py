@@ -1,12 +1,12 @@
-"""Incremental construction of the task program: apps before a quiet place are built once.
+"""Incremental construction of the task program: apps before a quiet place are built only once.
 
-A quiet place is a segment that nothing can change any more, that builds the same apps whatever came before
-it, and at whose beginning the gripper does nothing: a motion that is no part of one before it, follows no
-contact by two segments, is not part of a carry, is too long for the end of another motion, and that no
-contact follows where it may press something in. The program is then that of the segments up to it, and that
-of the segments from it on. Where nothing is quiet for MOST_UNQUIET segments, an app ends at the last of them
-in no contact. A gap that touches what lies before it is known by then: it ends where a segment begins, and
-the quiet place is one.
+A quiet place is a final segment whose apps do not depend on earlier segments, and at whose start the gripper
+does nothing. It is a motion that does not continue an earlier one, does not follow a contact by two segments,
+is not part of a carry, is too long for the end of another motion, and is not followed by a contact into which
+it may press something. The program is then that of the segments before it, followed by that of the segments
+from it on. If there is no quiet place in MOST_UNQUIET segments, the apps are divided at the last of them
+without contact. A gap that affects earlier segments is known by then: a gap ends where a segment begins, and
+the quiet place is a segment.
 """
 
 from __future__ import annotations
@@ -68,9 +68,8 @@ class IncrementalProgramBuilder:
     ) -> Sequence[App]:
         """Return the apps of a demonstration, in time order.
 
-        steps: from segment `first` on; settled: the number of all segments that nothing can change any more;
-        grips and gaps: all that are known, in time order. Where a grip comes to light that lies before
-        `since`, begin anew.
+        steps: from segment `first` on; settled: the number of final segments; grips and gaps: all known ones,
+        in time order. If a new grip lies before `since`, the caller must start with a new builder.
         """
         grips = _from_last_before(grips, steps[0].segment.t0 - GRIP_SLACK_S) if steps else grips
         rest = [grip for grip in grips if grip.t > self.since]
@@ -112,9 +111,9 @@ class IncrementalProgramBuilder:
         return apps if self.limited is None else tuple(map(self.limited, apps))
 
     def _moment(self, t: float) -> Moment:
-        """Return the robot at a time [s], from memory where no later segment can change it.
+        """Return the robot's state at a time [s], cached if no later segment can change it.
 
-        A program is built from many moments: it gives way at each.
+        A program needs many states, so this gives way to other work at each.
         """
         give_way()
         if (seen := self._seen.get(t)) is not None:
@@ -132,9 +131,9 @@ class IncrementalProgramBuilder:
         grips: Sequence[GripperAction],
         known: Sequence[GripperAction],
     ) -> int:
-        """Return the last quiet place among the next settled steps behind `begin`; 0 where there is none.
+        """Return the last quiet place among the next settled steps after `begin`; 0 if there is none.
 
-        Of MOST_UNQUIET steps the last one in no contact passes for quiet, from wherever the steps begin.
+        Of MOST_UNQUIET steps the last one without contact counts as quiet.
         """
         last = min(settled - 1, begin + MOST_UNQUIET)
         for i in range(last, begin, -1):
@@ -153,7 +152,7 @@ class IncrementalProgramBuilder:
         return next(apart, last)
 
     def _touched_earlier(self, steps: Sequence[ProgramSegment], i: int) -> bool:
-        """Whether the last step that lasts is in contact, of those up to two before step `i`."""
+        """Return whether the last long step, up to two before step `i`, is in contact."""
         earlier = next((steps[k] for k in range(i - 2, -1, -1) if self._lasts(steps[k])), None)
         return earlier is not None and earlier.touches
 
@@ -163,5 +162,7 @@ class IncrementalProgramBuilder:
 
 
 def _from_last_before(grips: Sequence[GripperAction], t: float) -> Sequence[GripperAction]:
-    """Return the grips from a time [s] on, and the last one before it, which states if something is held."""
+    """Return the grips from a time [s] on, and the last one before it, which determines if something is
+    held.
+    """
     return grips[max(bisect_left(grips, t, key=lambda grip: grip.t) - 1, 0) :]

@@ -5,18 +5,18 @@ Nothing here changes where a segment begins or ends. In base coordinates the pos
     p_i = b + E_i x + θ_i d + κ f_i a,    E_i = R_i R_0⁻¹ − I,    d = k a + s
 
 with the axis a, the angle θ_i about it, and the lever x from the axis to the flange at the start. d is the
-way for each radian: the advance k along the axis, and the slip s of the tool across it. What is pressed gives
-way: κ is its compliance, and f_i by how much the force along the axis has changed. Without that term a press
-that grows during a turn passes for advance. All of b, x, d and κ is one linear least-squares problem.
+displacement per radian: the advance k along the axis, and the slip s of the tool across it. The pressed
+object yields: κ is its compliance, and f_i the change of the force along the axis. Without that term a force
+that grows during a turn would appear as advance. b, x, d and κ together are one linear least-squares problem.
 
-Two things make the advance uncertain. Errors last from one observation to the next, so n of them are worth
-n (1 − ρ) / (1 + ρ), with their correlation ρ (Bartlett 1946). And the axis is known as well as the tool keeps
-to it: where it leans by λ and slips by s, λ s of the slip passes for advance.
+The advance has two uncertainties. Errors of successive observations are correlated, so n of them count as n
+(1 − ρ) / (1 + ρ), with their correlation ρ (Bartlett 1946). And the axis is only as accurate as the tool
+follows it: if the tool leans by λ and slips by s, λ s of the slip appears as advance.
 
-The axis is the direction that the turn leaves as it is, on average over the turn: with M the mean of
-R_i R_0⁻¹, the left singular vector of M of the largest singular value. It does not depend on how the flange's
-frame is turned in the tool, and it turns with the base. The rotation from the first to the last pose alone
-would take in by how much the tool leans at these two.
+The axis is the direction that the turn leaves unchanged on average: with M the mean of R_i R_0⁻¹, the left
+singular vector of M of the largest singular value. It does not depend on the orientation of the flange's
+frame in the tool, and it rotates with the base. The rotation from the first to the last pose alone would
+depend on how the tool leans at these two.
 """
 
 from __future__ import annotations
@@ -71,9 +71,10 @@ class Fit(NamedTuple):
 
 
 def screw_of(course: Course, *, pressed: bool) -> ScrewMotion | None:
-    """Read a turn; None where it is too small or too short to have an axis.
+    """Return the screw motion of a turn; None if it is too small or too short to have an axis.
 
-    pressed: whether it is in contact: then only what is pressed counts, and what is pressed gives way.
+    pressed: whether it is in contact: then only observations with a strong force count, and the object has a
+    compliance.
     """
     angle = math.sqrt(course.turned[-1] @ course.turned[-1])
     if angle < LEAST_ANGLE_RAD or len(course.positions) < LEAST_LOOKS:
@@ -104,8 +105,9 @@ def axis_of(turns: Array, total: Array) -> Array:
 def fit_turn(course: Course, turns: Array, axis: Array, counts: NDArray[np.bool_], *, pressed: bool) -> Fit:
     """Solve the module's equation over the observations that count, (n,) bool.
 
-    turns: (n, 3, 3) since the first. The lever along the axis, of which a turn about one axis says nothing,
-    the slip and the compliance have a normal prior about 0. There is no compliance where nothing is pressed.
+    turns: (n, 3, 3) since the first. The lever along the axis, which a turn about one axis does not
+    determine, the slip and the compliance have a normal prior about 0. There is no compliance without a
+    press.
     """
     places, angles = course.positions[counts] - course.positions[0], course.turned[counts] @ axis
     felt = (course.forces[counts] - course.forces[counts][0]) @ axis if pressed else np.zeros(len(places))
@@ -132,7 +134,7 @@ def fit_turn(course: Course, turns: Array, axis: Array, counts: NDArray[np.bool_
 
 
 def repeats(errors: Array) -> float:
-    """Return the number of errors in a row that count as one, at least 1.
+    """Return the number of successive errors that count as one independent error, at least 1.
 
     It follows from the correlation of errors (n,) from each to the next.
     """
@@ -145,8 +147,8 @@ def repeats(errors: Array) -> float:
 def held_torque(course: Course, axis: Array, point: Array) -> Array:
     """Return the mean torque (3,) [Nm] about a point while the tool turns and the axis torque is strong.
 
-    r × F of the flange's lever from the point is taken out. A torque before the tool gives way, or after it
-    has turned, is not the torque of the turn.
+    The moment r × F of the flange's lever from the point is subtracted. A torque before the tool begins to
+    turn, or after it has turned, is not the torque of the turn.
     """
     assert course.torques is not None, "asked where there are torques"
     steps = np.linalg.norm(np.diff(course.turned, axis=0, prepend=course.turned[:1]), axis=1)

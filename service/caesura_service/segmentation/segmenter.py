@@ -1,6 +1,6 @@
 """The segmenter of a session: the filter, and the segments and changepoints that it shows.
 
-What has settled is kept, what stays as it was shown is not made again.
+Settled segments are stored, and unchanged ones are reused.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from caesura_service.signals.tare import UNTARED_BIAS_N
 
 
 class _Seen(NamedTuple):
-    """A segment and its start as they were shown, and what they were made of."""
+    """A segment and its start in the last view, and the data from which they were made."""
 
     stretch: InferredSegment
     load: Load | None
@@ -43,8 +43,8 @@ def filter_of(
 ) -> ChangepointFilter:
     """Return a filter for the signals that a session reports: its wrench, and perhaps an orientation.
 
-    torque: whether there is one; it is used where it is tared and the wrench is no estimate. Raises
-    ValueError where the preset uses nothing that is reported.
+    torque: whether there is one; it is used if it is tared and the wrench is not an estimate. Raises
+    ValueError if the preset uses no reported signal.
     """
     return preset.online(
         contact=source.contact_models,
@@ -69,7 +69,7 @@ class Segmenter:
         orientation: bool,
         torque: bool = False,
     ) -> None:
-        """Raise ValueError where the preset uses nothing that is reported."""
+        """Raise ValueError if the preset uses no reported signal."""
         self.tared, self._orientation = tared, orientation
         self.online = filter_of(preset, source, tared=tared, orientation=orientation, torque=torque)
         self.settled = FinalizedSegments()
@@ -88,14 +88,14 @@ class Segmenter:
 
     @property
     def unlooked(self) -> int:
-        """The number of segments that have become final since the last look."""
+        """The number of segments that have become final since the last `look`."""
         return len((self._decided or self.online).final) - self._final
 
     def step(self, index: int) -> None:
         """Filter an observation, with its corrections.
 
-        A segment that joins the one before begins somewhere between two observations: it is shown midway
-        until the next observation has the place.
+        A segment without a gap before it begins between two observations. Its start is shown midway, until
+        the next observation determines its place.
         """
         history, after_gap = self._history, self._history.after_gap(index)
         joins = index and self._preset.continuous and not after_gap
@@ -108,7 +108,10 @@ class Segmenter:
         follower.step(history.observed(index), boundary=after_gap, changepoint=said)
 
     def _place_before(self, index: int) -> None:
-        """Put the start with the observation before this one where the speed has it, if no person has."""
+        """Move the start at the observation before this one to the place found from the speed.
+
+        A start that an operator has set stays.
+        """
         place = self._history.boundary_before(index)
         if place is None or not self._preset.continuous or self._heeded.is_placed(index - 1):
             return
@@ -121,16 +124,16 @@ class Segmenter:
     def outline(self) -> tuple[int, list[tuple[int, int]]]:
         """Return the number of final segments, and the start and kind number of every other segment.
 
-        Turns that the rotation explains are not in it. Such a name stays once the segment has ended, and
-        changes before that only with its end.
+        The check for turns in place is not applied: its result is fixed once the segment has ended, and
+        before that changes only with its end.
         """
         return outline(self.online, self._decided) if self.online.count else (0, [])
 
     def look(self, quiet: int, *, finished: bool) -> list[SegmentEntry]:
         """Return every part that has not settled, and store those that have.
 
-        quiet: the number of the first part that a later program may read; finished: whether everything open
-        is decided as it stands.
+        quiet: the number of the first part that a later program may read; finished: whether the demonstration
+        has ended, so that everything is decided.
         """
         self._finished = finished
         if not self.online.count:
@@ -162,7 +165,9 @@ class Segmenter:
         return is_turn_in_place(self._history.course(begin, last), duration_s, self._preset.turn_share)
 
     def _as_said(self, stretch: InferredSegment) -> InferredSegment:
-        """Return the segment as corrected: given its ends, the kind is the whole inference."""
+        """Return the segment with its corrections: a start and a kind set by an operator have probability
+        1.
+        """
         if self._heeded.is_certain(start := stretch.start):
             stretch = replace(stretch, start_probability=1.0, start_interval=(float(start), float(start)))
         label = self._heeded.label(start, stretch.end)
@@ -188,7 +193,9 @@ class Segmenter:
         return count
 
     def _awaits_place(self, end: int) -> bool:
-        """Whether the next observation may still move an end: a correction makes one certain at once."""
+        """Return whether the next observation may still move an end; an end set by a correction is
+        certain.
+        """
         is_newest = end == self.online.count - 1
         return is_newest and self._preset.continuous and end not in self.online.boundaries
 
@@ -227,7 +234,7 @@ class Segmenter:
         return t, min(t, self._place_at(low)), max(t, self._place_at(high))
 
     def _place_at(self, index: float) -> float:
-        """Return the place [s] of an observation, interpolated between two of them."""
+        """Return the position in time [s] of a fractional observation, interpolated between two of them."""
         whole = int(index)
         here = self.places[whole]
         return here if whole == index else here + (index - whole) * (self.places[whole + 1] - here)

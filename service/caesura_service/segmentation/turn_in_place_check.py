@@ -1,9 +1,9 @@
-"""Whether a movement is a turn in place, once the movement is found.
+"""Checks whether an inferred movement is a turn in place.
 
-Nothing here changes where a segment begins or ends. The filter weighs a turn about a centre that a surface
-holds, within 0.2 mm a step. A hand that turns a vessel lets the centre sway by millimetres. A filter that
-allows for this makes turns of movements on real robots, and cuts them (docs/judge_appendix.md). Given its
-ends, a movement shows whether the rotation explains it. From one observation to the next
+The check changes no boundary. The filter's model of a turn has a centre that a surface holds, within 0.2 mm a
+step. A hand that turns a vessel lets the centre sway by millimetres. A filter that allows for this finds
+false turns in movements on real robots, and divides them (docs/judge_appendix.md). Given the ends of a
+movement, the check decides whether its rotation explains its path. From one observation to the next
 
     z_i − z_{i−1} = E_i (z_{i−1} − c) + s_i,    E_i = R_i R_{i−1}⁻¹ − I
 

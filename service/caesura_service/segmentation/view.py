@@ -1,7 +1,7 @@
 """The interface between a session and its pipeline.
 
-A pipeline takes samples in order and can say at any time what it makes of them. Signals, changepoints
-and the program lie behind it; ordering, numbering and the wire lie before it.
+A pipeline processes samples in order and has a view of its results at any time. It contains conditioning,
+changepoint filter and program. Ordering, numbering and the network are outside of it.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ MOST_TOGETHER = 500  # samples of several pushes in one
 
 
 class PipelineView(NamedTuple):
-    """The results of a pipeline at one time. Nothing in it ever changes, so another thread may read it."""
+    """The results of a pipeline at one time. Immutable, so another thread may read it."""
 
     samples: int
     repeats: int  # samples whose time did not advance
@@ -60,7 +60,7 @@ class PipelineView(NamedTuple):
 
 
 def notes_beside_tables(view: PipelineView) -> tuple[str, ...]:
-    """Return the notes that tables of a recording state besides those on recording, wrench and gaps."""
+    """Return the notes of a recording's tables other than those on recording, wrench and gaps."""
     stated = (view.wrench.note, *ASSUMED.values())
     return tuple(
         note
@@ -70,7 +70,7 @@ def notes_beside_tables(view: PipelineView) -> tuple[str, ...]:
 
 
 class Pipeline(Protocol):
-    """Samples in, view out. Pure: the same pushes give the same view, whatever else runs."""
+    """Maps samples to a view. Pure: the same pushes give the same view."""
 
     @property
     def view(self) -> PipelineView:
@@ -80,48 +80,50 @@ class Pipeline(Protocol):
     def due_s(self) -> float:
         """The session time [s] of the first sample that changes more of the view than counts.
 
-        Samples before it, MOST_TOGETHER at most, and those of the next push may come in one push: with the
-        same results, except that a push that raises is one of fewer samples. −inf where they may not. Any
-        thread may read it.
+        Earlier samples, MOST_TOGETHER at most, may be pushed together with those of the next push: the
+        results are the same, except that an error rejects the joint push. −inf if they must be pushed
+        separately. Any thread may read it.
         """
 
     def push(self, samples: NDArray[np.float64]) -> bool:
-        """Take the next samples, (n, columns) as declared when the session was opened, time first.
+        """Process the next samples, (n, columns) as declared in the opening, time first.
 
-        Return whether the view shows anything new, other than the number of samples.
+        Return whether the view has changed in anything except the number of samples.
         """
 
     def push_without_program(self, samples: NDArray[np.float64]) -> bool:
-        """Push samples as `push` does, but leave a due program to `make_due_program`, which has to follow."""
+        """Push samples as `push` does, and postpone a due program to `make_due_program`, which must
+        follow.
+        """
 
     @property
     def has_due_program(self) -> bool:
-        """Whether a program has been left to `make_due_program`."""
+        """Whether a program has been postponed to `make_due_program`."""
 
     def make_due_program(self) -> None:
-        """Make the program that was left."""
+        """Make the postponed program."""
 
     def declare_gap(self) -> None:
-        """Say that samples between the last push and the next, or the end, are lost for good."""
+        """Declare that samples between the last push and the next, or the end, are permanently lost."""
 
     def finish(self) -> None:
         """End the demonstration: decide everything that is still open."""
 
     def refresh(self) -> None:
-        """Bring the view up to date, as an edit does: between two looks it may lack newer observations."""
+        """Bring the view up to date, for an edit: between two updates it may lack newer observations."""
 
     @property
     def kinds(self) -> Sequence[str]:
         """The kinds of segment that a correction may name."""
 
     def resolve(self, change: Change) -> ResolvedEdit:
-        """Return a correction, resolved against what is shown. Raises ProtocolError; nothing changes."""
+        """Return a correction, resolved against the view. Raises ProtocolError; nothing changes."""
 
     def observation_at(self, t: float) -> int:
-        """Return the observation at which a changepoint that is inserted at a time [s] starts a segment."""
+        """Return the first observation of a segment whose changepoint is inserted at a time [s]."""
 
     def corrected(self, corrections: Sequence[ResolvedEdit]) -> Pipeline:
-        """Return the pipeline as if these corrections had been known from the first sample on.
+        """Return the pipeline with these corrections applied from the first sample on.
 
-        It takes the place of this pipeline, which is not to be used any more once it does.
+        It replaces this pipeline, which must not be used any more after that.
         """

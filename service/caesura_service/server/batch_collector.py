@@ -1,13 +1,13 @@
 """Holds batches of a station until they complete an observation, and passes them on together.
 
-A robot at 1 kHz sends five batches for each observation, and the first four change only counts. Processed one
-by one they cost as much as the fifth; together, a fraction (docs/speed.md). So a batch waits here, in order,
-until one comes that completes an observation, and at most HOLD_S: until then its bridge has it, as for every
-message that waits. What else comes of its station, such as a command or another session's batch, has the held
-ones passed on before it. What is passed on, and in what order, does not change; only when.
+A robot at 1 kHz sends five batches per observation, and the first four change only counters. Processed
+separately each costs as much as the fifth; together, a fraction (docs/speed.md). So batches are held, in
+order, until one completes an observation, and at most HOLD_S. Until they are recorded their bridge has them,
+as for every queued message. Before any other message of the station, such as a command or another session's
+batch, the held ones are passed on. So the messages and their order do not change, only their time.
 
 Whether a batch completes an observation is predicted from its last time. A wrong prediction costs time and
-changes no result: the session looks at the samples themselves.
+changes no result: the session uses the samples themselves.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ MISSES, EVERY = 8, 64  # payloads without a layout, after which only some are lo
 
 @dataclass(slots=True)
 class _Source:
-    """The held batches of a station's key, and what is expected next on it."""
+    """The held batches of a station's key, and the number and time of the next expected batch."""
 
     station: str
     layout: BatchLayout | None = None
@@ -43,7 +43,7 @@ class _Source:
 
 
 class BatchCollector:
-    """Passes on what was received, batches of one observation together. Any thread may call it."""
+    """Passes received messages on, batches of one observation together. Any thread may call it."""
 
     def __init__(
         self,
@@ -52,9 +52,9 @@ class BatchCollector:
         pass_on_block: Callable[[BatchBlock, str, str], None],
         clock: Callable[[], float],
     ) -> None:
-        """awaited: what a session of a station awaits; None where it is not here.
+        """awaited: returns what a station's session awaits; None if this instance does not hold it.
 
-        pass_on, pass_on_block: take a payload or several, their source and their station, in order.
+        pass_on, pass_on_block: receive one or several payloads, with their source and station, in order.
         """
         self._awaited, self._clock = awaited, clock
         self._pass_on, self._pass_on_block = pass_on, pass_on_block
@@ -63,7 +63,9 @@ class BatchCollector:
         self._lock = threading.Lock()
 
     def hold(self, source: str, payload: Payload, encoding: str) -> bool:
-        """Take the batch after the last one of a source; return False where it is not, and was not taken."""
+        """Hold a batch that follows the last one of its source; return False, and hold nothing, if it does
+        not.
+        """
         with self._lock:
             known = self._sources.get(source)
             if known is None or (layout := known.layout) is None:
@@ -77,7 +79,7 @@ class BatchCollector:
         return True
 
     def take(self, content: RawPayload, source: str, station: str | None) -> None:
-        """Pass on what was received of a source, behind what is held of it."""
+        """Pass on a message of a source, after the held batches of the source."""
         with self._lock:
             self._release(source)
             self._pass_on(content, source, station)
@@ -85,12 +87,12 @@ class BatchCollector:
                 self._learn(content, source, station)
 
     def release(self, source: str) -> None:
-        """Pass on what is held of a source."""
+        """Pass on the held batches of a source."""
         with self._lock:
             self._release(source)
 
     def release_overdue(self) -> None:
-        """Pass on what has been held for HOLD_S."""
+        """Pass on the batches that have been held for HOLD_S."""
         if not self._held:
             return
         now = self._clock()
@@ -99,7 +101,7 @@ class BatchCollector:
                 self._release(source)
 
     def release_all(self) -> None:
-        """Pass on all that is held."""
+        """Pass on all held batches."""
         for source in tuple(self._held):
             self.release(source)
 
@@ -120,9 +122,9 @@ class BatchCollector:
             self._held[source] = self._clock() + HOLD_S
 
     def _due_s(self, known: _Source, layout: BatchLayout) -> float:
-        """Return the session time [s] that completes the next observation: exact where nothing waits.
+        """Return the session time [s] that completes the next observation: exact if no batch is queued.
 
-        Where the session has batches to process first, or waits for a missing one, it is a prediction.
+        It is a prediction if the session has batches to process first, or waits for a missing one.
         """
         awaited = self._awaited(known.station, layout.message.session)
         if awaited is None:
@@ -139,7 +141,9 @@ class BatchCollector:
             self._pass_on_block(block, source, known.station)
 
     def _learn(self, content: RawPayload, source: str, station: str) -> None:
-        """Expect the batch after this one, if it is one."""
+        """Store the layout of a batch, and the number that the next one should have; ignore other
+        messages.
+        """
         if content.encoding != ENCODING or not 0 < len(content.payload) <= USUAL_BYTES:
             return
         known = self._sources.get(source) or self._add(source, station)
@@ -154,7 +158,7 @@ class BatchCollector:
             known.misses, known.next_seq, known.due_s = 0, layout.message.seq + 1, -math.inf
 
     def _add(self, source: str, station: str) -> _Source:
-        """Return the entry of a source; those without held batches are evicted from SOURCES on."""
+        """Return the entry of a source; beyond SOURCES those without held batches are evicted."""
         if len(self._sources) >= SOURCES:
             self._sources = {name: self._sources[name] for name in self._held}
         known = self._sources[source] = _Source(station)
@@ -162,7 +166,7 @@ class BatchCollector:
 
 
 def _due_after(due_s: float, t_last: float) -> float:
-    """Return the due time [s] after the one that a batch has reached; predicted where none is known."""
+    """Return the due time [s] after the one that a batch has reached; a prediction if none is known."""
     if not math.isfinite(t_last):
         return due_s
     if not math.isfinite(due_s):

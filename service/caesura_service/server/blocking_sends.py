@@ -1,9 +1,9 @@
-"""Sends what a slow client may block, in threads beside the worker: replies to commands, replay requests.
+"""Sends messages that a slow client may block, in separate threads: replies to commands, replay requests.
 
-Zenoh sends both with the congestion control that the client, or the bridge, requested: where that client does
-not read, the call waits until its link is closed, five seconds later. In the worker's thread all stations
-waited for that. So each station has a lane, in which one thing is sent after the other; a station that waits
-holds one thread.
+Zenoh sends both with the congestion control that the client, or the bridge, requested. If that client does
+not read, the call blocks until its link is closed, five seconds later. In the worker's thread it would block
+all stations. So each station has a lane, in which messages are sent one after the other, and a blocked
+station occupies one thread.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Job = Callable[[], None]
 
 
 class Lanes:
-    """Runs jobs while the context lasts: those of one lane in order, those of several at the same time."""
+    """Runs jobs while the context lasts: those of one lane in order, those of several concurrently."""
 
     def __init__(self) -> None:
         self._waiting: dict[str, deque[Job]] = {}  # of lanes with a job waiting or under way
@@ -45,7 +45,7 @@ class Lanes:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Run the waiting jobs for at most JOIN_S."""
+        """Run the queued jobs for at most JOIN_S."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -54,7 +54,7 @@ class Lanes:
             thread.join(max(0.0, until - time.monotonic()))
 
     def submit(self, lane: str, job: Job) -> bool:
-        """Enqueue a job; return False where too many of the lane wait already. Never waits."""
+        """Enqueue a job; return False if too many of the lane are queued. Never blocks."""
         with self._changed:
             jobs = self._waiting.get(lane)
             if jobs is None:
@@ -85,7 +85,7 @@ class Lanes:
             self._finish_job(lane)
 
     def _next_job(self) -> tuple[str, Job] | None:
-        """Return the next lane and its job; None once there is none and the context is over."""
+        """Return the next lane and its job; None if there is none and the context is over."""
         with self._changed:
             while not self._ready:
                 if self._closed:

@@ -1,9 +1,10 @@
-"""Budgets of each station: what it may use of an instance, what it used, and the refusals that follow.
+"""Budgets of each station: the resources of an instance that it may use, their use, and the resulting
+refusals.
 
-Work, which is the worker's time, messages and bytes that a station puts, commands, the work on previews,
-queries and changes of the token have a budget each; the rates are in `rates`. Previews and queries are
-questions of readers: they are not charged to the station's samples and commands. Stations are distinguished
-by name; keys that name no station count as one. Any thread may ask.
+There are separate budgets for work (the worker's time), for messages and bytes that a station publishes, for
+commands, for the work on previews, for queries, and for changes of the token; the rates are in `rate_limits`.
+Previews and queries come from readers, and do not count for the station's samples and commands. Stations are
+distinguished by name; keys without a station count as one. Any thread may call the methods.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ class Budgets:
         self._lock = threading.Lock()
 
     def reject_put(self, station: str, size: int, messages: int = 1) -> ProtocolError | None:
-        """Count messages of so many bytes in all; return why they are dropped, or None. size: [bytes]."""
+        """Count `messages` messages of `size` bytes in all; return why they are dropped, or None."""
         lacking = self._put.lacking(station, messages, size)
         if lacking is not None:
             return self._count_and_explain(station, ("messages", "bytes")[lacking], messages)
@@ -74,13 +75,13 @@ class Budgets:
         return self.reject_work(station)
 
     def reject_query(self, station: str) -> ProtocolError | None:
-        """Count a query for what a station has; return why it is refused, or None."""
+        """Count a query on a station; return why it is refused, or None."""
         return (
             None if self._limits["queries"].allows(station) else self._count_and_explain(station, "queries")
         )
 
     def tokens_exhausted(self, station: str) -> bool:
-        """Return whether a change of a station's token has to wait; counts nothing."""
+        """Return whether a change of a station's token must wait; counts nothing."""
         return self._limits["tokens"].is_spent(station)
 
     def charge_token(self, station: str) -> None:
@@ -111,14 +112,14 @@ class Budgets:
         self._limits["previews"].charge(station, seconds)
 
     def budgets_of(self, station: str) -> StationBudgets:
-        """Return the budgets of one station, as of now."""
+        """Return the current budgets of one station."""
         used = self._used(station)
         return StationBudgets(
             station=station, **{use: self._budget(station, use, used[use]) for use in self._rates}
         )
 
     def queries_of(self, lane: str) -> Budget:
-        """Return the budget of queries of a lane, which need not be a station's, as of now."""
+        """Return the current budget of queries of a lane, which need not be a station's."""
         return self._budget(lane, "queries", self._limits["queries"].used(lane)[0])
 
     def busiest(self) -> tuple[StationBudgets, ...]:
@@ -153,7 +154,9 @@ class Budgets:
         return self._error(station, use)
 
     def count_refused(self, station: str, use: Use, times: int = 1) -> None:
-        """Count what is held back; also without a look at the budget, such as what is dropped unread."""
+        """Count refusals of a use; also those without a check of the budget, such as messages dropped
+        unread.
+        """
         with self._lock:
             counts = self._refused.pop(station, {})
             self._refused[station] = {**counts, use: counts.get(use, 0) + times}
@@ -161,7 +164,7 @@ class Budgets:
                 del self._refused[next(iter(self._refused))]
 
     def _error(self, station: str, use: Use) -> ProtocolError:
-        """Return the error with what was used, the limit and the rate."""
+        """Return the error with the used amount, the limit and the rate."""
         (per_s, at_once), used = self._rates[use], self._used(station)[use]
         if used == 0.0:  # a name that finds no room among those with a budget of their own
             why = f"{SENDERS} other stations send: station {station} has to wait; try again"

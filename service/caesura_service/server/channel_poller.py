@@ -1,11 +1,11 @@
 """Polls the channels of samples and queries: one poll returns many messages.
 
-A callback in the network's thread waits for the interpreter at every message, and then keeps the thread
-waiting that had it. A flood of one station keeps the link of all of them that way. So Zenoh puts what it
-reads into channels, for which it needs no interpreter, and all of them are emptied every few milliseconds. At
-48 stations that takes a fifth off what a batch costs in all (docs/speed.md).
+A callback in the network's thread needs the interpreter lock for every message, and delays the thread that
+held it. So a flood of one station would block the link of all. Therefore Zenoh writes received messages into
+channels, without the interpreter, and all channels are emptied every few milliseconds. At 48 stations this
+reduces the total cost of a batch by a fifth (docs/speed.md).
 
-A link is read in order: samples that were put before a query are passed on before it.
+A link is read in order: samples published before a query are passed on before it.
 """
 
 from __future__ import annotations
@@ -37,7 +37,9 @@ class ChannelPoller(BackgroundThread):
     """Passes received samples and queries to callbacks, one at a time, while the context lasts."""
 
     def __init__(self, handle: Callable[[Incoming], None], polled: Callable[[], None] = lambda: None) -> None:
-        """handle: takes a sample; only enqueues, as `Answer` does. polled: called after each poll."""
+        """handle: receives a sample, and must only enqueue it, like `Answer`; polled: called after each
+        poll.
+        """
         self._handle, self._polled = handle, polled
         self._subscribed: dict[str, Channel[Incoming]] = {}
         self._queryables: dict[str, tuple[Channel[IncomingQuery], Answer]] = {}
@@ -50,7 +52,7 @@ class ChannelPoller(BackgroundThread):
         self._subscribed[key] = network.declare_subscriber(key, CHANNEL)
 
     def unsubscribe(self, key: str) -> None:
-        """Unsubscribe, after passing on what was received."""
+        """Unsubscribe, after passing on the received messages."""
         self._subscribed[key].undeclare()
         self.poll()
         del self._subscribed[key]
@@ -61,13 +63,13 @@ class ChannelPoller(BackgroundThread):
         return PolledQueryable(self, key)
 
     def undeclare_queryable(self, key: str) -> None:
-        """End a queryable, after passing on what was received."""
+        """Undeclare a queryable, after passing on the received queries."""
         self._queryables[key][0].undeclare()
         self.poll()
         del self._queryables[key]
 
     def poll(self) -> int:
-        """Pass on what was received; return the most messages of one channel. Any thread may call it."""
+        """Pass on the received messages; return the highest number in one channel. Any thread may call it."""
         with self._turn:
             asked = [
                 (answer, received(channel, CHANNEL)) for channel, answer in tuple(self._queryables.values())
@@ -104,12 +106,12 @@ class PolledQueryable:
         self._poller, self._key = poller, key
 
     def undeclare(self) -> None:
-        """End it, after passing on what was received."""
+        """Undeclare the queryable, after passing on the received queries."""
         self._poller.undeclare_queryable(self._key)
 
 
 def _wait_s(most: int, idle_polls: int) -> float:
-    """Return how long [s] to wait after a poll: not at all in a flood, which would fill the channel."""
+    """Return the time [s] to wait after a poll; 0 in a flood, which would fill the channel."""
     if most >= FLOOD:
         return 0.0
     return POLL_S if idle_polls < IDLE_AFTER else IDLE_POLL_S

@@ -25,7 +25,9 @@ MAX_TEXT = 500  # characters of a key or an encoding; those of Caesura are short
 
 
 class RawPayload(NamedTuple):
-    """A received payload; empty if over the size limit, with its real `size` [bytes]. Its texts are cut."""
+    """A received payload; empty if over the size limit, with its real `size` [bytes]. Its key and encoding
+    are cut to a greatest length.
+    """
 
     key: str
     payload: bytes
@@ -34,7 +36,7 @@ class RawPayload(NamedTuple):
 
     @classmethod
     def of(cls, key: str, payload: Payload, encoding: str) -> Self:
-        """Copy what was received on a key."""
+        """Copy a payload that was received on a key."""
         size = len(payload)
         whole = bytes(payload) if size <= MAX_MESSAGE_BYTES else b""
         return cls(key[:MAX_TEXT], whole, encoding[:MAX_TEXT], size)
@@ -81,11 +83,13 @@ class PendingReplay:
     _over: threading.Lock = field(default_factory=threading.Lock)  # held from its end on
 
     def end(self) -> bool:
-        """End the replay; return False where it has ended before. Any thread may call it."""
+        """End the replay; return False if it has ended before. Any thread may call it."""
         return self._over.acquire(blocking=False)
 
     def result(self) -> ReplayEnded:
-        """Return the end of the replay; an error outside the protocol, like a timeout, is no answer."""
+        """Return the end of the replay; an error outside the protocol, like a timeout, counts as no
+        answer.
+        """
         error = self._error()
         known = error is not None and error.code in {"evicted", "unknown_session"}
         oldest = error.limit if error and known and isinstance(error.limit, int) else None
@@ -108,14 +112,14 @@ class PendingReplay:
 
 @dataclass(frozen=True, slots=True)
 class ReplayFinished:
-    """A replay is complete, or was not answered."""
+    """A replay is complete, or was not answered in time."""
 
     replay: PendingReplay
 
 
 @dataclass(frozen=True, slots=True)
 class LivelinessChanged:
-    """A liveliness token was declared, was there, or is gone."""
+    """A liveliness token was declared, existed already, or was removed."""
 
     kind: Literal["service", "station"]
     name: str
@@ -136,12 +140,12 @@ class RouterLinkChanged:
 
 @dataclass(frozen=True, slots=True)
 class Watching:
-    """The event from which on changes of tokens are reported."""
+    """Marks the time from which changes of tokens are reported."""
 
 
 @dataclass(frozen=True, slots=True)
 class Unfinished:
-    """Work that continues in its next slice. lane: the station, or the instance's own work."""
+    """Work that continues in its next slice. lane: the station, or the lane of the instance's own work."""
 
     lane: str
 
@@ -164,7 +168,7 @@ def sources_of(station: str) -> tuple[str, str]:
 
 
 class SourceId(NamedTuple):
-    """The source of a message on a station's key. All keys that name no station are one source."""
+    """The source of a message on a station's key. All keys without a valid station are one source."""
 
     source: str
     station: str | None
@@ -186,7 +190,7 @@ def source_of_key(key: str) -> SourceId:
 
 
 def lane_of_query(key: str) -> str:
-    """Return the lane of a query for what a station has; the key may hold wildcards.
+    """Return the lane of a query on stations; the key may contain wildcards.
 
     >>> lane_of_query("caesura/v1/station/cell-1/program"), lane_of_query("caesura/v1/session/a/*/samples")
     ('cell-1', 'a')

@@ -38,7 +38,7 @@ def query_live_tokens(network: Network) -> LiveTokens:
 class TokenChanges:
     """Enqueues changes of tokens for the worker, those of a station in its lane and within its budget.
 
-    Of a token that may not be enqueued yet the last change is held, and the ones before it are dropped.
+    If the budget is used up, the last change of each token is held and earlier ones are dropped.
     """
 
     def __init__(self, queue: WorkQueue[Arrival], budgets: Budgets) -> None:
@@ -47,7 +47,7 @@ class TokenChanges:
         self._held: dict[str, LivelinessChanged] = {}  # by key
 
     def watch(self, network: Network, key: str) -> None:
-        """Watch the tokens of a key expression; those that are there come first. Any thread may call it."""
+        """Watch the tokens of a key expression; existing ones are reported first. Any thread may call it."""
         if key not in self._channels:
             self._channels[key] = network.watch_liveliness(key)
 
@@ -57,7 +57,7 @@ class TokenChanges:
             channel.undeclare()
 
     def poll(self) -> None:
-        """Take what has come, and enqueue what the budgets have room for. One thread at a time calls it."""
+        """Read the changes, and enqueue those within the budgets. Only one thread at a time may call it."""
         for channel in tuple(self._channels.values()):
             if changes := received(channel, TOKENS):
                 self._hold(changes)
@@ -65,7 +65,7 @@ class TokenChanges:
             self._held = {key: one for key, one in self._held.items() if not self._enqueue(one)}
 
     def _hold(self, changes: Sequence[TokenChange]) -> None:
-        """Hold the last change of each token; count the others where the budget is used up."""
+        """Store the last change of each token; count the others if the budget is used up."""
         counts = Counter(change.key for change in changes)
         for key, alive in dict(changes).items():
             presence = _parse_token(key, alive)
@@ -85,7 +85,7 @@ class TokenChanges:
 
 
 def _parse_token(key: str, alive: bool) -> LivelinessChanged | None:
-    """Parse the key of a token; None where its name is invalid."""
+    """Parse the key of a token; None if its name is invalid."""
     try:
         if key.startswith(SERVICES.partition("*")[0]):
             return LivelinessChanged("service", parse_service_key(key)[0], alive)

@@ -1,8 +1,8 @@
 """The live instances, computed from tokens, the own link and time, without a network.
 
-An instance whose token goes while our own link stands is gone, and its stations are given away. With our own
-link all tokens go at once, which says nothing about their holders: they count as there until the link is
-back, and then for as long as they take to come back too.
+An instance whose token disappears while the own link is up is gone, and its stations are reassigned. If the
+own link is lost, all tokens disappear at once, which does not show that their holders are gone. They count as
+live until the link is restored, and then for the time that their own return may take.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Membership:
         self._until: dict[str, float] = {}  # instances without a token, and until when they count as live [s]
 
     def begin(self, others: Iterable[str]) -> None:
-        """Start with the instances live before tokens were watched; they count until RETURN_S after that."""
+        """Start with the instances live before tokens were watched; they stay until RETURN_S after that."""
         self._until = dict.fromkeys(set(others) - {self._me}, float("inf"))
 
     def start_watching(self, now: float) -> None:
@@ -31,7 +31,7 @@ class Membership:
         self._until = dict.fromkeys(self._until, now + RETURN_S)
 
     def add(self, instance: str, now: float) -> bool:
-        """Add a live instance; return True where it was not a member before. now: [s]."""
+        """Add a live instance; return True if it was not a member before. now: [s]."""
         if instance == self._me:
             return False
         missed = self._until.pop(instance, now)
@@ -46,13 +46,13 @@ class Membership:
             self._until[instance] = now + SETTLE_S if self._linked else float("inf")
 
     def link_lost(self) -> None:
-        """Note that the own link is lost; the members of the last query stay members."""
+        """Record that the own link is lost; the current members stay members."""
         self._linked = False
         self._until = dict.fromkeys({*self._live, *self._until}, float("inf"))
         self._live.clear()
 
     def link_restored(self, now: float) -> None:
-        """Note that the own link is back; members get RETURN_S to reappear. now: [s]."""
+        """Record that the own link is restored; members get RETURN_S to reappear. now: [s]."""
         self._linked = True
         self._until = dict.fromkeys(self._until, now + RETURN_S)
 
@@ -62,5 +62,5 @@ class Membership:
         return frozenset({self._me, *self._live, *self._until})
 
     def next_change_s(self, now: float) -> float:
-        """Return when the next instance stops being a member without an event; infinite if none does."""
+        """Return the time [s] at which the next instance stops being a member; infinite if none does."""
         return min((until for until in self._until.values() if until > now), default=float("inf"))

@@ -1,6 +1,6 @@
-"""The network of the server in one process: one more session with a MemoryNetwork, as its clients have.
+"""The network of the server within one process: a session of a MemoryNetwork, like those of its clients.
 
-`Service(config, join=in_memory(network))` is found by the transports of that network.
+`Service(config, join=in_memory(network))` is reached by the transports of that network.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Received = TypeVar("Received")
 def in_memory(
     network: MemoryNetwork,
 ) -> Callable[[NetworkSettings, threading.Event], tuple[MemorySession, str]]:
-    """Return what joins this network in place of `network.join`."""
+    """Return a function that joins this network, to replace `network.join`."""
     return lambda settings, stop: (MemorySession(network), "memory")
 
 
@@ -35,7 +35,7 @@ class MemorySession:
         self._transport = network.transport()
 
     def close(self) -> None:
-        """Leave the network; declarations have ended before."""
+        """Leave the network; all declarations must have ended before."""
         self._transport.close()
 
     def declare_publisher(self, key: str, priority: Priority) -> MemoryPublisher:
@@ -44,13 +44,13 @@ class MemorySession:
         return MemoryPublisher(self._transport, key)
 
     def declare_subscriber(self, key: str, capacity: int) -> Channel[Incoming]:
-        """Subscribe to a key expression; where `capacity` messages wait, their senders wait too."""
+        """Subscribe to a key expression; a sender blocks while `capacity` messages are queued."""
         channel: Queue[Incoming] = Queue(capacity)
         inbox = CallbackInbox(lambda sample: channel.put(Incoming(*sample)))
         return MemoryChannel(channel, self._transport.subscribe(key, inbox))
 
     def declare_queryable(self, key: str, capacity: int) -> Channel[IncomingQuery]:
-        """Receive the queries on a key expression; where `capacity` of them wait, who asks waits too."""
+        """Receive the queries on a key expression; a client blocks while `capacity` queries are queued."""
         channel: Queue[IncomingQuery] = Queue(capacity)
         return MemoryChannel(channel, self._transport.declare_queryable(key, CallbackInbox(channel.put)))
 
@@ -63,7 +63,7 @@ class MemorySession:
         refused: Callable[[Encoded], None],
         ended: Callable[[], None],
     ) -> None:
-        """Query the key, in a thread of its own."""
+        """Query the key, in a separate thread."""
 
         def wait() -> None:
             try:
@@ -86,12 +86,12 @@ class MemorySession:
         return Declared(self._transport.declare_token(key))
 
     def watch_liveliness(self, key: str) -> Channel[TokenChange]:
-        """Receive every token that is there, comes or goes; where TOKENS wait, their senders wait too."""
+        """Receive every token that exists, appears or disappears; a sender blocks while TOKENS are queued."""
         channel: Queue[TokenChange] = Queue(TOKENS)
         return MemoryChannel(channel, self._transport.watch_liveliness(key, CallbackInbox(channel.put)))
 
     def watch_link(self, report: Callable[[bool], None]) -> Declared:
-        """Report nothing: there is no router."""
+        """Report nothing, because there is no router."""
         return Declared(nullcontext())
 
 
@@ -114,11 +114,11 @@ class MemoryPublisher:
         self._transport, self._key = transport, key
 
     def put(self, content: Encoded) -> None:
-        """Deliver to every subscriber of the key."""
+        """Deliver a message to every subscriber of the key."""
         self._transport.put(self._key, content)
 
     def undeclare(self) -> None:
-        """Nothing is declared."""
+        """Return at once, because nothing was declared."""
 
 
 class MemoryChannel(Declared, Generic[Received]):
@@ -129,7 +129,7 @@ class MemoryChannel(Declared, Generic[Received]):
         super().__init__(declaration)
 
     def try_recv(self) -> Received | None:
-        """Return the oldest message; None where there is none."""
+        """Return the oldest message; None if there is none."""
         try:
             return self._channel.get_nowait()
         except Empty:

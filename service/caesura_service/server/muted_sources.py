@@ -1,7 +1,7 @@
-"""Sources whose messages are dropped unread for a moment, because their station has used up a budget.
+"""Sources whose messages are dropped unread for a short time, because their station has used up a budget.
 
-To refuse a message with its reason costs more than to accept it. So a flood of refused ones would keep the
-interpreter from all stations. After a refusal the next messages of the source cost a look into a table.
+Refusing a message with its reason costs more than accepting it. So a flood of refused ones would use the
+interpreter's time of all stations. After a refusal the next messages of the source cost only a table lookup.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ MUTED_S = 0.02  # in which a hundred messages of a station's budget come back
 
 
 class MutedSources:
-    """Counts what is dropped unread. One thread at a time calls it."""
+    """Counts the messages that are dropped unread. Only one thread at a time may call it."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
@@ -30,7 +30,7 @@ class MutedSources:
             del self._until_s[next(iter(self._until_s))]
 
     def drops(self, source: str) -> bool:
-        """Return whether a message of a source is dropped; count it then."""
+        """Return whether a message of a source is dropped; if so, count it."""
         until_s = self._until_s.get(source)
         if until_s is None:
             return False

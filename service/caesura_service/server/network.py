@@ -1,14 +1,15 @@
-"""Joining the network: as a router that robots connect to, or as a client of one that is already there.
+"""Joins the network: as a router to which robots connect, or as a client of an existing router.
 
-Why the settings are as they are (measured, see ARCHITECTURE.md): multicast and gossip off, because a factory
-network names its routers; shared memory off, because it raised the 99th percentile from 0.15 to 53 ms; a
-lease of 2 s, because a frozen peer is otherwise noticed after 9.5 s; no scouting delay, because a router
-that searches for no peer would still wait half a second before it answers; twice the largest message that we
-accept, because a peer could otherwise make us put together one of a gigabyte; many pending connections, and a
-long time for handshakes, because silent connections otherwise keep others out (security/zenoh_files); a long
-queue, because an answer with samples otherwise fills it, and its end is lost.
+Reasons of the settings (measured, see ARCHITECTURE.md): multicast and gossip are off, because a factory
+network names its routers. Shared memory is off, because it raised the 99th percentile from 0.15 to 53 ms. The
+lease is 2 s, because a frozen peer is otherwise detected after 9.5 s. There is no scouting delay, because a
+router that searches for no peer would still wait half a second before it answers. The defragmentation limit
+is twice the largest accepted message, because a peer could otherwise make the service assemble one of a
+gigabyte. Many pending connections and a long handshake time are allowed, because silent connections otherwise
+block others (security/zenoh_files). The queue is long, because an answer with samples otherwise fills it, and
+its end is lost.
 
-What is listened on must demand credentials where other machines reach it, unless `insecure` is set.
+An endpoint that other machines reach must require credentials, unless `insecure` is set.
 """
 
 from __future__ import annotations
@@ -100,9 +101,10 @@ class NetworkSettings:
 
 
 def certificate_end(settings: NetworkSettings) -> float | None:
-    """Return when the certificate that the instance shows ends [s since 1970]; None without a readable one.
+    """Return the time [s since 1970] at which the instance's certificate expires; None without a readable
+    one.
 
-    Raises NetworkError for a file that is no configuration.
+    Raises NetworkError for an invalid configuration file.
     """
     if settings.config_file is None:
         return None
@@ -139,7 +141,7 @@ def join(settings: NetworkSettings, stop: threading.Event) -> tuple[ZenohNetwork
 
 
 def lets_in(settings: NetworkSettings) -> bool:
-    """Whether the router lets another session in now: one attempt. settings: of a client."""
+    """Return whether the router accepts another session now, by one attempt. settings: of a client."""
     config = _config(settings.config_file)
     _insert(config, _as_client(settings.connect or DEFAULT_ENDPOINT))
     try:
@@ -169,7 +171,9 @@ def _join_as_client(
 
 
 def _config(file: Path | None) -> zenoh.Config:
-    """The file with our settings over it. Paths in it that are relative are looked for beside it first."""
+    """Return the file's configuration with the service's settings. Relative paths are searched beside the
+    file first.
+    """
     try:
         config = zenoh.Config.from_file(file) if file else zenoh.Config()
         _insert(config, {**SETTINGS, **(_beside(file, _reader(config)) if file else {})})
@@ -210,7 +214,7 @@ def _beside(file: Path, read: exposure.Read) -> dict[str, str]:
 
 
 def _check_is_for_a_router(config: zenoh.Config, file: Path | None) -> None:
-    """Raise NetworkError for the file of a client, which does not state who may connect."""
+    """Raise NetworkError for the file of a client, which does not state which clients may connect."""
     read = _reader(config)
     if read("mode") == "client":
         router = next(iter(read("connect/endpoints") or ()), "ENDPOINT")
@@ -218,7 +222,7 @@ def _check_is_for_a_router(config: zenoh.Config, file: Path | None) -> None:
 
 
 def _endpoints(config: zenoh.Config, settings: NetworkSettings) -> list[str]:
-    """Return where to listen: by the settings, else by the file, else on this machine alone."""
+    """Return the endpoints to listen on: from the settings, else the file, else on this machine alone."""
     if settings.listen is not None:
         return [settings.listen]
     said, default = (_reader(one)("listen/endpoints") for one in (config, zenoh.Config()))
@@ -251,7 +255,7 @@ def _open_session(config: zenoh.Config, endpoint: str) -> zenoh.Session:
 def _connect(
     config: zenoh.Config, endpoint: str, settings: NetworkSettings, stop: threading.Event
 ) -> zenoh.Session:
-    """Try until there is a router, the time is over, or `stop` is set."""
+    """Connect to a router; retry until the time is over or `stop` is set."""
     patience_s = settings.connect_timeout_s
     deadline = float("inf") if patience_s is None else time.monotonic() + patience_s
     said = False
@@ -269,7 +273,7 @@ def _connect(
 
 
 def _with_port(endpoint: str) -> str:
-    """The endpoint with a free port in place of port 0."""
+    """Return the endpoint with a free port instead of port 0."""
     place, mark, settings = endpoint.partition("#")
     if not place.endswith(_FREE_PORT):
         return endpoint
@@ -281,7 +285,7 @@ def _with_port(endpoint: str) -> str:
 
 
 def _allow_open_files() -> None:
-    """Raise this process' limit of open files as far as it may: a connection that stays silent holds one."""
+    """Raise the limit of open files of this process to its maximum: each silent connection uses one."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = OPEN_FILES if hard == resource.RLIM_INFINITY else min(hard, OPEN_FILES)
     if soft != resource.RLIM_INFINITY and soft < wanted:

@@ -1,4 +1,5 @@
-"""The network as the server uses it: `zenoh_network` has it over Zenoh, `memory_network` without a network.
+"""The interface of the network for the server: `zenoh_network` implements it over Zenoh, `memory_network` in
+memory.
 
 Callbacks run in the network's threads, and only enqueue.
 """
@@ -17,11 +18,11 @@ TOKENS = 1 << 16  # changes of tokens that wait; a router fills the channel befo
 
 
 class NetworkError(Exception):
-    """The network could not be joined, or was left."""
+    """The network could not be joined, or the session was closed."""
 
 
 class Payload(Protocol):
-    """A received payload; copied by `bytes` only where it is wanted."""
+    """A received payload, which is copied only by `bytes`."""
 
     def __len__(self) -> int: ...
 
@@ -29,7 +30,7 @@ class Payload(Protocol):
 
 
 class Incoming(NamedTuple):
-    """A message that was put on a key, or that replies to a query."""
+    """A message on a subscribed key, or in a reply to a query."""
 
     key: str
     payload: Payload
@@ -55,14 +56,16 @@ Received_co = TypeVar("Received_co", covariant=True)
 
 
 class Channel(Declaration, Protocol[Received_co]):
-    """A subscriber's or a queryable's messages, until it is undeclared; what was received stays."""
+    """The messages of a subscriber or queryable until it is undeclared; received ones stay afterwards."""
 
     def try_recv(self) -> Received_co | None:
-        """Return the oldest message; None where there is none."""
+        """Return the oldest message; None if there is none."""
 
 
 def received(channel: Channel[Received], most: int) -> list[Received]:
-    """Take what a channel has received, at most so much: who never stops keeps no other channel waiting."""
+    """Return the received messages of a channel, `most` at most, so that a flood does not block other
+    channels.
+    """
     return list(islice(iter(channel.try_recv, None), most))
 
 
@@ -73,13 +76,13 @@ class Network(Protocol):
         """Leave the network."""
 
     def declare_publisher(self, key: str, priority: Priority) -> Publisher:
-        """Declare a publisher that drops what does not fit."""
+        """Declare a publisher that drops messages under congestion."""
 
     def declare_subscriber(self, key: str, capacity: int) -> Channel[Incoming]:
-        """Subscribe to a key expression; where `capacity` messages wait, their senders wait too."""
+        """Subscribe to a key expression; a sender blocks while `capacity` messages are queued."""
 
     def declare_queryable(self, key: str, capacity: int) -> Channel[IncomingQuery]:
-        """Receive the queries on a key expression; where `capacity` of them wait, who asks waits too."""
+        """Receive the queries on a key expression; a client blocks while `capacity` queries are queued."""
 
     def request(
         self,
@@ -92,7 +95,7 @@ class Network(Protocol):
     ) -> None:
         """Query the key; callbacks get each reply, each refusal, and the end after QUERY_TIMEOUT_S at most.
 
-        The replies wait behind other messages, and their sender may have to wait.
+        The replies have low priority, and block their sender under congestion.
         """
 
     def list_tokens(self, key: str) -> tuple[str, ...]:
@@ -102,7 +105,7 @@ class Network(Protocol):
         """Declare a liveliness token."""
 
     def watch_liveliness(self, key: str) -> Channel[TokenChange]:
-        """Receive every token that is there, comes or goes; where TOKENS wait, their senders wait too."""
+        """Receive every token that exists, appears or disappears; a sender blocks while TOKENS are queued."""
 
     def watch_link(self, report: Callable[[bool], None]) -> Declaration:
         """Report whether a link to a router was restored (True) or lost."""

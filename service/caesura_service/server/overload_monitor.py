@@ -1,7 +1,7 @@
-"""Publishes that the service is overloaded, before anything is dropped, and when it is over.
+"""Publishes that the service is overloaded, before messages are dropped, and when the overload ends.
 
-In a thread of its own: the task that blocks the worker may cause the overload. The status is published at its
-begin, every REPEAT_S while it lasts, and at its end; the log has the first and last.
+It runs in a separate thread, because the task that blocks the worker may cause the overload. The status is
+published at the beginning, every REPEAT_S while it lasts, and at its end; the log has the first and last.
 """
 
 from __future__ import annotations

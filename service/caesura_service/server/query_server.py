@@ -1,14 +1,14 @@
 """Answers queries for snapshots, programs and the service's status.
 
-They are answered from immutable states in a thread of its own, so that queries never delay the work and a
-busy worker never delays an answer. One reply for each session or station that the query's key matches.
-Queries wait in a queue as the worker has one: whose turn it is follows from the measured time of the answers,
-with a lane for each station that a key names, one for all keys that name none, and one for the status. A long
-answer stops after each reply. Its end has the number of replies: a busy network loses some of them, or all
-but the end. What finds no room in the queue is refused as `overloaded`.
+They are answered from immutable states in a separate thread, so that queries never delay the worker, and a
+busy worker never delays an answer. There is one reply for each session or station that the query's key
+matches. Queries are queued as in the worker: fair by the measured time of the answers, with a lane for each
+station in a key, one for all keys without a station, and one for the status. A long answer is interrupted
+after each reply. Its last reply states the number of replies, because a congested network loses some of them,
+or all but the last. A query without room in the queue is refused as `overloaded`.
 
-While a station, or the service, is overloaded its commands pass through here: what would open a new session
-is refused at once; every other command goes to the worker.
+While a station, or the service, is overloaded, this server checks its commands: one that would open a new
+session is refused at once; every other command is passed to the worker.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ REFUSAL_RATE = Rate(100.0, 200.0)
 
 
 class QueryServer(BackgroundThread):
-    """Answers queries in a thread of its own while the context lasts."""
+    """Answers queries in a separate thread while the context lasts."""
 
     def __init__(
         self,
@@ -83,7 +83,7 @@ class QueryServer(BackgroundThread):
         stored: Callable[[IncomingQuery, str, StoredPage], bool],
         instance: str,
     ) -> None:
-        """work: the worker's queue; stored: takes a query for stored sessions, with its lane."""
+        """work: the worker's queue; stored: enqueues a query for stored sessions, with its lane."""
         self._stored = stored
         self._instance = instance
         self._log_rate = RateLimit(LOG_RATE)
@@ -99,9 +99,9 @@ class QueryServer(BackgroundThread):
         super().__init__("caesura-answers", self._queue.wake)
 
     def snapshot(self, query: IncomingQuery, lane: str) -> bool:
-        """Enqueue a query for sessions: those that are held, or a page of those that are stored.
+        """Enqueue a query for sessions: those in memory, or a page of stored ones.
 
-        Returns False where too many of the lane wait, as `program` and `status` do.
+        Returns False if too many of the lane are queued, like `program` and `status`.
         """
         try:
             page, version = parse_snapshot_parameters(query.parameters)
@@ -127,9 +127,10 @@ class QueryServer(BackgroundThread):
         return {code: refused.get(code, 0) + own.get(code, 0) for code in {**refused, **own}}
 
     def command(self, query: IncomingQuery) -> bool:
-        """Enqueue a command for the worker; in an overload only where it opens no new session.
+        """Enqueue a command for the worker; in an overload only if it opens no new session.
 
-        Returns False where the station has used up its budget and REFUSAL_RATE has no further answer for it.
+        Returns False, without a reply, if the station has used up its budget and the refusals of
+        REFUSAL_RATE.
         """
         station = source_of_key(query.key).station
         lane = station or UNKNOWN
@@ -143,7 +144,7 @@ class QueryServer(BackgroundThread):
         return True
 
     def refuse(self, query: IncomingQuery, lane: str, refusal: ProtocolError) -> bool:
-        """End a query of a lane, within REFUSAL_RATE with the reason; return whether it was."""
+        """End a query of a lane, within REFUSAL_RATE with the reason; return whether the reason was sent."""
         is_explained = self._refusal_rate.allows(lane)
         with query:
             if is_explained:
@@ -165,7 +166,7 @@ class QueryServer(BackgroundThread):
             self._queue.charge(time.perf_counter() - began)
 
     def _has_more(self, query: IncomingQuery, answer: Iterator[None]) -> bool:
-        """Send some of an answer; return whether there is more of it."""
+        """Send a part of an answer; return whether more of it is left."""
         try:
             next(answer)
         except StopIteration:
@@ -188,7 +189,7 @@ class QueryServer(BackgroundThread):
         yield from ()
 
     def _opens_new_session(self, content: RawPayload) -> bool:
-        """Whether the command opens a session that is not in memory; False where it cannot be read."""
+        """Return whether a command opens a session that is not in memory; False if it is unreadable."""
         try:
             content.check_size()
             station = parse_station_key(content.key)[0]
@@ -248,7 +249,7 @@ class QueryServer(BackgroundThread):
         message_of: Callable[[SessionState], Message],
         keys_of: Callable[[str], str],
     ) -> Iterator[None]:
-        """Reply with a message of each state whose key matches; stop after each one but the last.
+        """Reply with a message of each state whose key matches; yield after each one but the last.
 
         keys_of: the keys of a station's replies.
         """

@@ -1,13 +1,13 @@
 """The rates that limit how often a sender may send and how much work it may cause.
 
-Sizes and queues bound what a sender may hold; rates bound the work that it may cause. The numbers lie well
-above what honest clients do, so a sender that meets them is broken or hostile. Samples: a robot of 1 kHz that
-sends each sample by itself sends 1000 messages a second; with every column there is they are 0.5 MB; a bridge
-as fast as flow control lets it sends a window of 64 every 20 ms, 3200 (measured: 1500). Replays, which the
-service asks for, do not count. Work: a robot of 1 kHz takes a fiftieth of the worker's time, an hour of a
-recording that is sent as fast as it goes twenty seconds of it, an edit of an hour a second or two; here
-replays and edits count. Commands: a bridge that is held up asks 50 times a second. Questions: 1000 readers
-who ask for everything twice a second. Tokens: a link that is lost and restored every second.
+Sizes and queues bound the memory that a sender may use; rates bound the work that it may cause. The limits
+are well above the use by correct clients, so a sender that reaches them is faulty or hostile. Samples: a
+robot at 1 kHz that sends each sample separately sends 1000 messages a second; with every possible column they
+are 0.5 MB. A bridge at the limit of flow control sends a window of 64 every 20 ms, 3200 a second (measured:
+1500). Requested replays do not count. Work: a robot at 1 kHz takes a fiftieth of the worker's time, an hour
+of a recording sent without pacing twenty seconds, an edit of an hour one or two seconds; replays and edits
+count. Commands: a blocked bridge sends 50 a second. Queries: 1000 readers that query everything twice a
+second. Tokens: a link that is lost and restored every second.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Joins the replies to a replay into blocks of consecutive batches, which cost less than one by one."""
+"""Joins the replies to a replay into blocks of consecutive batches, which cost less than single batches."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ class ReplayBlocks:
     def __init__(
         self, pass_on: Callable[[RawPayload], None], pass_on_block: Callable[[BatchBlock], None]
     ) -> None:
-        """pass_on, pass_on_block: take a reply that is no batch as usual, or several batches."""
+        """pass_on, pass_on_block: process a reply that is no batch, or several batches."""
         self._pass_on, self._pass_on_block = pass_on, pass_on_block
         self._layout: BatchLayout | None = None
         self._first, self._payloads = 0, list[bytes]()
         self._lock = threading.Lock()
 
     def take(self, reply: RawPayload) -> None:
-        """Take a reply, to pass it on with those that follow."""
+        """Add a reply, to pass it on with those that follow."""
         with self._lock:
             if not self._follows(reply):
                 self._pass_on_waiting()
@@ -38,7 +38,7 @@ class ReplayBlocks:
                 self._pass_on_waiting()
 
     def end(self) -> None:
-        """Pass on what waits."""
+        """Pass on the replies that are left."""
         with self._lock:
             self._pass_on_waiting()
 

@@ -1,7 +1,7 @@
 """Publishes results, requests replays from bridges and replies to queries.
 
-Puts never wait (DROP): a reader finds a hole by the number and takes a snapshot. One priority a key,
-because mixing them would reorder, and one publisher, which sends nothing as long as there is no reader.
+Publishing never blocks (DROP): a reader detects a gap by the number and queries a snapshot. Each key has one
+priority, because several would change the order, and one publisher, which sends nothing without a subscriber.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ STREAMS: Mapping[type[Result], SessionPart] = {
 
 
 class ResultPublisher:
-    """Puts and queries over one network session; only the worker calls it."""
+    """Publishes and queries over one network session; only the worker calls it."""
 
     def __init__(self, network: Network, queue: WorkQueue[Arrival], budgets: Budgets, lanes: Lanes) -> None:
         self._network = network
@@ -82,7 +82,7 @@ class ResultPublisher:
         self._waiting: dict[tuple[str, str], RequestReplay] = {}
 
     def publish(self, publish: Publish) -> None:
-        """Put a result on its key. A failure is logged: the snapshot still has the result."""
+        """Publish a result on its key. A failure is logged: the snapshot still has the result."""
         message = publish.message
         if isinstance(message, SessionStatus):
             message = with_load(message, self._queue, self._budgets)
@@ -117,14 +117,14 @@ class ResultPublisher:
                 self._finish_replay(PendingReplay(request))
 
     def reply(self, query: IncomingQuery, key: str, station: str, reply: Ack | ProtocolError) -> None:
-        """Reply to a command of a station; the reply is dropped where too many of the station wait."""
+        """Reply to a command of a station; drop the reply if too many of the station are queued."""
         if not self._lanes.submit(station, partial(_send_reply, query, key, reply)):
             query.drop()
 
     def _send_request(self, request: RequestReplay) -> None:
         """Query a bridge's ring.
 
-        A query that fails is finished at once, because it counts as under way until then.
+        A query that fails is finished at once, because it otherwise counts as in progress.
         """
         replay = PendingReplay(request)
         try:
@@ -172,7 +172,7 @@ class ResultPublisher:
 
 
 def publisher_of(network: Network, key: str, *, low: bool = False) -> Publisher:
-    """Declare a publisher that never waits. low: with low priority."""
+    """Declare a publisher that never blocks. low: with low priority."""
     return network.declare_publisher(key, "data_low" if low else "data_high")
 
 
@@ -214,7 +214,9 @@ def _send_reply(query: IncomingQuery, key: str, reply: Ack | ProtocolError) -> N
 
 
 def reply_message(query: IncomingQuery, key: str, message: Message) -> bool:
-    """Reply to a query on a key of this instance; an error, and False, where it is too large."""
+    """Reply to a query on a key of this instance; if the message is too large, reply an error and return
+    False.
+    """
     try:
         for encoded in fragment(message):
             query.reply(key, encoded)
@@ -225,24 +227,24 @@ def reply_message(query: IncomingQuery, key: str, message: Message) -> bool:
 
 
 def reply_nothing(query: IncomingQuery, instance: str, replies: int = 0) -> None:
-    """Say that this instance has nothing, or nothing more than so many replies, of what is asked for.
+    """Reply the number of replies of this instance to a query, 0 if it has no matching content.
 
-    A query without an answer may have lost it, and one with some replies the others. To an older client,
-    which does not ask for that, it would be an error.
+    Without it a client cannot distinguish lost replies from missing content. An older client, which does not
+    request it, would treat it as an error, and does not get it.
     """
     if requests_nothing_said(query.parameters):
         reply_error(query, nothing_found(instance, replies))
 
 
 def reply_in_takeover(query: IncomingQuery, station: str, instance: str) -> None:
-    """Say that what this instance has of a station is not known yet."""
+    """Reply that the station is being taken over, so that its content is not known yet."""
     why = f"{instance} is taking {station} over from another instance: ask again"
     reply_error(query, ProtocolError("overloaded", why, value=station))
 
 
 @contextmanager
 def answering(query: IncomingQuery) -> Iterator[None]:
-    """End a query with the context; an exception is a refusal for the asker, and is raised."""
+    """End a query with the context; an exception is sent as a refusal, and is raised."""
     with query:
         try:
             yield

@@ -1,8 +1,8 @@
-"""Answers queries for the samples of sessions, in a thread of its own.
+"""Answers queries for the samples of sessions, in a separate thread.
 
-Reading a long session takes seconds, once. Neither the worker nor other queries wait for it: stations take
-turns, in slices. What waits has a bound; past it a query is refused as `overloaded`. An instance answers for
-the sessions that it holds, as for snapshots, and for stored ones of the stations that it serves.
+The first read of a long session takes seconds. Neither the worker nor other queries wait for it: stations are
+served in turn, in slices. The queue is bounded; beyond it a query is refused as `overloaded`. An instance
+answers for the sessions in its memory, as for snapshots, and for stored ones of the stations that it owns.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ LOOK_S = 1.0  # between two looks for sessions that have ended
 
 
 class SampleServer(BackgroundThread):
-    """Answers while the context lasts."""
+    """Answers queries for samples while the context lasts."""
 
     def __init__(
         self,
@@ -61,7 +61,9 @@ class SampleServer(BackgroundThread):
         super().__init__("caesura-samples", self._queue.wake)
 
     def take(self, query: IncomingQuery, lane: str) -> bool:
-        """Enqueue a query; return False where too many of the lane wait. Called by the network's threads."""
+        """Enqueue a query; return False if too many of the lane are queued. Called by the network's
+        threads.
+        """
         try:
             station, session, _ = parse_session_key(query.key)
         except ProtocolError as error:  # a wildcard: of all sessions it would be too much
@@ -84,7 +86,7 @@ class SampleServer(BackgroundThread):
             self._queue.charge(self._clock() - began)
 
     def _prepare(self) -> None:
-        """Make the overview of a session that has ended, so that no reader waits for it."""
+        """Make the overview of a closed session in advance, so that no reader waits for it."""
         if not self._ended and self._clock() < self._looks_at:
             return
         self._looks_at = self._clock() + LOOK_S
@@ -107,7 +109,7 @@ class SampleServer(BackgroundThread):
                 self._ended.discard(key)
 
     def _step(self, query: IncomingQuery, station: str, session: str) -> None:
-        """Answer a query, or read some more of the session that it is for, and let other stations go on."""
+        """Answer a query, or read a part of its session, and then let other stations continue."""
         try:
             owned = self._owned(station, session)
             reply = None if owned is None else self._reply(owned, query.parameters)
@@ -135,7 +137,7 @@ class SampleServer(BackgroundThread):
                 reply_error(query, reply or ProtocolError("overloaded", "too many queries for samples"))
 
     def _reply(self, owned: Owned, parameters: str) -> RecordedSamples | ProtocolError | None:
-        """Return the answer or the refusal; None where more of the session has to be read before.
+        """Return the answer or the refusal; None if more of the session must be read first.
 
         Raises JournalError.
         """
@@ -146,7 +148,7 @@ class SampleServer(BackgroundThread):
             return error
 
     def _owned(self, station: str, session: str) -> Owned | None:
-        """Return the session, held or stored, where its station is this instance's; None otherwise.
+        """Return the session, in memory or stored, if this instance owns its station; None otherwise.
 
         Raises JournalError.
         """

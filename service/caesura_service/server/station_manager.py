@@ -1,12 +1,12 @@
 """Manages the stations of this instance: takes over its own, releases the others.
 
-Alone it serves every station, by wildcards. With others it serves the stations that rendezvous hashing gives
-it, of those that have a bridge or a session. Another instance may have served an owned station after an
-instance came or the own link was lost. The owner then reads its journal before it accepts new messages, and
+A single instance serves every station, by wildcards. Several instances divide the stations with a bridge or a
+session by rendezvous hashing. After an instance has appeared, or the own link was lost, another instance may
+have served an owned station. The owner then reads that instance's journal before it accepts new messages, and
 publishes under a new epoch. It reads the journal again a little later, when the other instance has released
 the station.
 
-Runs in the worker's thread, a record at a time, so that stations that are served go on meanwhile.
+It runs in the worker's thread, one record at a time, so that other stations are served meanwhile.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ RETRY_S = 0.5  # after a takeover for which the journal could not be read
 
 
 class StationManager:
-    """Decides which stations to take over and release; one thread calls it."""
+    """Decides which stations to take over and release; only one thread may call it."""
 
     def __init__(
         self,
@@ -41,7 +41,7 @@ class StationManager:
         declare: Callable[[Set[str] | None], None],
         clock: Callable[[], float],
     ) -> None:
-        """declare: subscribes to these stations, None for all."""
+        """declare: subscribes to the given stations, None for all."""
         self._registry, self._me, self._declare, self._clock = registry, me, declare, clock
         self._membership = Membership(me)
         self._members = frozenset({me})
@@ -61,7 +61,7 @@ class StationManager:
     def start(self, there: LiveTokens) -> list[TakeoverFailed]:
         """Take over the own stations, then subscribe to them; return the sessions that failed.
 
-        Raises JournalError where it is unknown which stations there are.
+        Raises JournalError if the existing stations cannot be determined.
         """
         now, began = self._clock(), time.monotonic()
         self._membership.begin(there.services)
@@ -120,12 +120,12 @@ class StationManager:
         self._update_settling()
 
     def _update_settling(self) -> None:
-        """Until nothing is left to take over, another instance may have taken an own station back."""
+        """Record whether takeovers are left; until then another instance may have an own station."""
         is_settled = self._takeover is None and not self._queue and not self._polls_s
         self._registry.ownership.is_settling = not is_settled
 
     def idle_s(self) -> float:
-        """Return how long [s] no step is due unless an event arrives."""
+        """Return the time [s] until the next step is due, unless an event arrives."""
         if self._takeover or self._has_new_bridge or self._registry.ownership.superseded:
             return 0.0
         takeover_s = [self._next_takeover_s] if self._queue else []
@@ -151,7 +151,7 @@ class StationManager:
         return outputs
 
     def _take_back_superseded(self) -> None:
-        """Take over again what another instance has acquired, where it is still this instance's."""
+        """Take over again the stations of this instance that another one has acquired."""
         ownership = self._registry.ownership
         while ownership.superseded:
             station = ownership.superseded.pop()
@@ -173,9 +173,10 @@ class StationManager:
         return []
 
     def _retry_takeover(self, station: str, error: JournalError) -> None:
-        """Take a station over later: until then its messages are rejected where another may have served it.
+        """Schedule another takeover of a station. Until then its messages are rejected if another instance
+        may have served it.
 
-        What this instance has of it may be behind what the other one has acknowledged.
+        This instance may lack records that the other one has acknowledged.
         """
         self._takeover = None
         self._next_takeover_s = self._clock() + RETRY_S
@@ -190,7 +191,7 @@ class StationManager:
     # --- whose stations are whose -----------------------------------------------------------------------
 
     def _reassign(self, now: float, *, renew: bool = False) -> None:
-        """Release stations of others, take the own ones. renew: also take again those already owned."""
+        """Release stations of others, take over the own ones. renew: also those that are already owned."""
         self._has_new_bridge = False
         before, self._members = self._members, self._membership.members(now)
         if before != self._members:
@@ -216,7 +217,7 @@ class StationManager:
             self._schedule_polls(now)
 
     def _assigned_stations(self, known: Set[str]) -> Set[str] | None:
-        """Return the stations of this instance among the known ones; None where it is alone and owns all."""
+        """Return the stations of this instance among the known ones; None for all, if it is the only one."""
         return None if self._members == {self._me} else stations_of(self._me, self._members, known)
 
     def _known_stations(self) -> Set[str]:

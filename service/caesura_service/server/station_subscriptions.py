@@ -1,6 +1,6 @@
 """Subscriptions and queryables of stations: all by one expression, or some by name.
 
-Tokens of stations are watched only where some are declared by name: who has all needs to know of none.
+Tokens of stations are watched only if stations are declared by name: a wildcard needs none.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class StationSubscriptions:
         self._lock = threading.Lock()
 
     def set(self, stations: Set[str] | None) -> None:
-        """Declare these stations, None for all. New ones come first, so that none is undeclared meanwhile."""
+        """Declare these stations, None for all. New ones are declared before others are undeclared."""
         with self._lock:
             if stations is None or self._closed:
                 self._tokens.unwatch(STATIONS)

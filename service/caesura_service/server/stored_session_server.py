@@ -1,4 +1,4 @@
-"""Answers queries for stored sessions, in a thread of its own: a page is read from the journal."""
+"""Answers queries for stored sessions, in a separate thread, one page of the journal at a time."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TICK_S = 0.1
 
 
 class StoredSessionServer(BackgroundThread):
-    """Answers while the context lasts."""
+    """Answers queries for stored sessions while the context lasts."""
 
     def __init__(self, stored: StoredSessions, instance: str) -> None:
         self._instance = instance
@@ -31,7 +31,7 @@ class StoredSessionServer(BackgroundThread):
         super().__init__("caesura-stored", self._queue.wake)
 
     def take(self, query: IncomingQuery, lane: str, wanted: StoredPage) -> bool:
-        """Enqueue a query; return False where too many of the lane wait."""
+        """Enqueue a query; return False if too many of the lane are queued."""
         return self._queue.offer((query, wanted), lane)
 
     def _run(self) -> None:

@@ -1,23 +1,22 @@
-"""The queue between the network's threads and a thread that works, with a lane for each station.
+"""The queue between the network's threads and a working thread, with a lane for each station.
 
-Whose turn it is: start-time fair queueing (Goyal, Vin & Cheng 1996). Every lane has a virtual time, to which
-the measured time of the work on its items is added; the lane that has had least is next. A lane that was
-empty begins at the virtual time of the lane in service, so being idle earns nothing. So a station that
-causes more work than its share waits behind the others, and they do not wait for it. Lanes that have had
-more by less than `BURST_S` are served in order of arrival. A station that had a long look would else wait
-until no other has anything to do. Within a lane items keep their order.
+Scheduling: start-time fair queueing (Goyal, Vin & Cheng 1996). Every lane has a virtual time, to which the
+measured time of the work on its items is added; the lane with the least is next. An empty lane restarts at
+the virtual time of the lane in service, so idle time earns no credit. So a station that causes more work than
+its share waits, and the others do not wait for it. Lanes whose virtual times differ by less than `BURST_S`
+are served in order of arrival. Otherwise a station after one long item would wait until no other has work.
+Within a lane items keep their order.
 
-Work that was put back to stand aside waits until no lane has a turn, or until something else arrives in its
-lane.
+Work that was put back to stand aside waits until no lane is due, or until another item arrives in its lane.
 
-Capacity and what is dropped: samples are dropped, newest first, when the queue is full in items or in bytes,
-or when one source has taken its share of either, so that no source shuts the others out; the session finds
-the hole by its number and asks again. Commands are never dropped: there is room for as many again, of one
-station for `commands`, and past that the caller has to refuse them.
+Capacity and drops: samples are dropped, newest first, when the queue is full in items or in bytes, or when
+one source has used its share of either, so that no source blocks the others. The session detects the gap by
+its number and requests the batches again. Commands are never dropped: the same capacity again is reserved for
+them, `commands` per station, and the caller must refuse further ones.
 
-Overload is known before anything is dropped: from `overloaded_at` of the capacity, or of a source's share,
-the queue or that source is pressed, until it has fallen to `relieved_at`. Where an announcer watches,
-nothing is dropped until that is done; meanwhile there is room for as much again.
+Overload is detected before messages are dropped: from `overloaded_at` of the capacity, or of a source's
+share, the queue or that source is overloaded, until its load has fallen to `relieved_at`. With an announcer
+nothing is dropped until the overload is published; meanwhile the capacity is doubled.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ SOURCES = 1024  # whose drops are counted one by one; those of further ones coun
 
 @dataclass(frozen=True)
 class QueueSettings:
-    """The limits of the work queue. Raises ValueError where its marks are not shares in rising order."""
+    """The limits of the work queue. Raises ValueError if its marks are not shares in rising order."""
 
     capacity: int = 4096  # items; commands have as much again
     capacity_bytes: int = 1 << 28
@@ -55,19 +54,19 @@ class QueueSettings:
 
 
 class _Load:
-    """The waiting items of one source, or of all, and their limits."""
+    """The queued items of one source, or of all, and their limits."""
 
     __slots__ = ("items", "mark", "mark_bytes", "most", "most_bytes", "size", "source")
 
     def __init__(self, source: str, settings: QueueSettings, parts: int = 1) -> None:
-        """parts: that all which may wait is divided into."""
+        """parts: the number of parts into which the capacity is divided."""
         self.source = source
         self.most, self.most_bytes = settings.capacity / parts, settings.capacity_bytes / parts
         self.mark, self.mark_bytes = (settings.overloaded_at * of for of in (self.most, self.most_bytes))
         self.items = self.size = 0  # size [bytes]
 
     def has_room(self, items: int, size: int, room: float) -> bool:
-        """Whether so many more items of that size in all [bytes] fit. room: a factor on the limits."""
+        """Return whether `items` more items of `size` bytes in all fit. room: a factor on the limits."""
         return self.items + items - 1 < room * self.most and self.size + size <= room * self.most_bytes
 
     def is_overloaded(self) -> bool:
@@ -81,7 +80,7 @@ class _Load:
 
 
 class _Lane(Generic[T]):
-    """The waiting items of one station, in order."""
+    """The queued items of one station, in order."""
 
     __slots__ = ("commands", "due", "items", "stands_aside")
 
@@ -95,10 +94,10 @@ class _Lane(Generic[T]):
 
 
 class WorkQueue(Generic[T]):
-    """Bounded; nothing but `get` ever waits."""
+    """A bounded queue; only `get` blocks."""
 
     def __init__(self, settings: QueueSettings, *, announced: bool = False) -> None:
-        """announced: does an announcer wait for `changed` and call `has_announced`?"""
+        """announced: whether an announcer waits for `overload_changed` and calls `confirm_announced`."""
         self.capacity = settings.capacity
         self.overloaded_at = settings.overloaded_at
         self.dropped = 0
@@ -124,9 +123,9 @@ class WorkQueue(Generic[T]):
         self._arrived = threading.Condition(self._lock)
 
     def offer(self, item: T, source: str, size: int = 0, lane: str | None = None, *, count: int = 1) -> bool:
-        """Enqueue an item; return False where it was dropped, which is counted.
+        """Enqueue an item; return False if it was dropped, which is counted.
 
-        lane: whose turn it takes; by default the source's own. count: how many it stands for.
+        lane: by default the source's own. count: the number of messages in the item.
         """
         with self._lock:
             room = 1.0 if self._is_announced else 2.0
@@ -142,12 +141,12 @@ class WorkQueue(Generic[T]):
         return True
 
     def count_drop(self, source: str, count: int = 1) -> None:
-        """Count items that were dropped on their way here."""
+        """Count items that were dropped before they reached the queue."""
         with self._lock:
             self._drop(source, count)
 
     def put(self, item: T, lane: str = "") -> bool:
-        """Enqueue an item with as much room again; return False where that is used up too."""
+        """Enqueue an item with twice the capacity; return False if that is used up too."""
         with self._lock:
             if self._waiting >= 2 * self.capacity:
                 return False
@@ -155,7 +154,7 @@ class WorkQueue(Generic[T]):
         return True
 
     def put_command(self, item: T, lane: str) -> bool:
-        """Enqueue a command; return False where too many of the lane wait."""
+        """Enqueue a command; return False if too many of the lane are queued."""
         with self._lock:
             known = self._lanes.get(lane)
             if self._waiting >= 2 * self.capacity or (known and known.commands >= self.settings.commands):
@@ -164,7 +163,7 @@ class WorkQueue(Generic[T]):
         return True
 
     def put_unbounded(self, item: T, lane: str = "") -> None:
-        """Enqueue an item whose number its cause bounds, like the end of a replay."""
+        """Enqueue an item of which there is a bounded number, like the end of a replay."""
         with self._lock:
             self._enqueue(lane, item)
 
@@ -203,7 +202,7 @@ class WorkQueue(Generic[T]):
         return item
 
     def charge(self, seconds: float) -> None:
-        """Charge the served lane for the work on the last item [s]."""
+        """Add the time [s] of the work on the last item to the virtual time of its lane."""
         if self._served is not None:  # no other thread reads its time before the next `get`
             self._served.due += seconds
 
@@ -223,7 +222,7 @@ class WorkQueue(Generic[T]):
         return not self.overloaded_sources.isdisjoint((WHOLE, *sources))
 
     def confirm_announced(self) -> None:
-        """Confirm that the overload is published: from here on, excess items are dropped."""
+        """Confirm that the overload is published: from now on, excess items are dropped."""
         self._is_announced = True
 
     def fill_ratio(self) -> float:
@@ -274,7 +273,7 @@ class WorkQueue(Generic[T]):
             self._queue(lane)
 
     def _new_lane(self, name: str) -> _Lane[T]:
-        """Make a lane; empty ones are evicted from SOURCES on."""
+        """Make a lane; beyond SOURCES empty ones are evicted."""
         if len(self._lanes) >= SOURCES:
             kept = {key: one for key, one in self._lanes.items() if one.items or one is self._served}
             self._lanes = kept
@@ -282,7 +281,7 @@ class WorkQueue(Generic[T]):
         return lane
 
     def _add_source(self, source: str) -> _Load:
-        """Return the load of a source without waiting messages; there are at most SOURCES of them."""
+        """Return the load of a source without queued messages; there are at most SOURCES of them."""
         if len(self._of_source) >= SOURCES:
             self._of_source = {name: load for name, load in self._of_source.items() if load.items}
         load = self._of_source[source] = _Load(source, self.settings, self.settings.shares)
@@ -295,7 +294,7 @@ class WorkQueue(Generic[T]):
             self._drops[source] = self._drops.get(source, 0) + count
 
     def _account(self, load: _Load, size: int) -> None:
-        """Add to the waiting bytes and update the overload."""
+        """Add to the queued bytes and update the overload."""
         load.size += size
         self._total.size += size
         if self.overloaded_sources or self._total.is_overloaded() or load.is_overloaded():

@@ -1,10 +1,10 @@
 """The worker thread: processes arrivals by the registry and publishes the outputs.
 
 The queue chooses the next station by the measured time of each station's work. Work longer than a slice
-continues in its station's next turn. Work without a message, as a takeover, has lanes of its own.
+continues in its station's next turn. Work without a message, such as a takeover, has separate lanes.
 
-An error in one arrival ends there: the sender of a command gets a reply, and the log a line, at most one in
-ten seconds for each station. Time enters the sessions only here.
+An error affects only the arrival that caused it: the sender of a command gets a reply, and a line is logged,
+at most one in ten seconds for each station. Only this thread passes the time to sessions.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ TAKEOVER = "/taking"  # the lane in which stations are taken over; no station's 
 
 
 class Worker(BackgroundThread):
-    """Drains the work queue in a thread of its own while the context lasts."""
+    """Processes the work queue in a separate thread while the context lasts."""
 
     def __init__(
         self,
@@ -116,7 +116,7 @@ class Worker(BackgroundThread):
                 self._queue.put_unbounded(Unfinished(lane), lane)
 
     def _process_some(self, most: int, patience_s: float) -> None:
-        """Wait for an arrival; process it and at most `most` in all."""
+        """Wait for an arrival; process it, and further ones up to `most` in all."""
         for _ in range(most):
             if (arrival := self._queue.get(patience_s)) is None:
                 return
@@ -143,7 +143,7 @@ class Worker(BackgroundThread):
         self._registry.record_work(lane, took_s)
 
     def _run_slice(self, arrival: StationArrival | Unfinished, lane: str) -> bool:
-        """Run a slice of an arrival's work; return whether that was all of it."""
+        """Run a slice of an arrival's work; return whether the work is finished."""
         slices = self._registry.slices
         if not isinstance(arrival, Unfinished):
             done = slices.begin(lane, partial(self._run_guarded, self._process, arrival))
@@ -163,7 +163,7 @@ class Worker(BackgroundThread):
         self.emit(step(*given))
 
     def _publish_overload(self) -> None:
-        """Count drops in their sessions, and publish a status where an overload began or ended."""
+        """Count drops in their sessions, and publish a status if an overload began or ended."""
         self._queue_revision = self._queue.revision
         before, self._overloaded = self._overloaded, self._queue.overloaded_sources
         for source, messages in self._queue.pop_drops().items():
@@ -215,7 +215,7 @@ class Worker(BackgroundThread):
     def _process_batches(self, arrival: BatchesReceived) -> None:
         """Process batches in turn, those of one observation together.
 
-        The program that the last ones change is made once no other station waits for its segments.
+        The program changed by the last ones is made once no other station has queued work.
         """
         block, station = arrival.block, arrival.station
         session = block.session
@@ -263,7 +263,7 @@ class Worker(BackgroundThread):
         return self._registry.handle_command(station, command, self._clock())
 
     def emit(self, outputs: Iterable[Output]) -> None:
-        """Publish, request and log the outputs. Another thread calls it only before this one runs."""
+        """Publish, request and log the outputs. Another thread may call it only before the worker starts."""
         for output in outputs:
             match output:
                 case Publish():

@@ -1,4 +1,4 @@
-"""The network of the server over Zenoh, the only importer of zenoh beside `network`.
+"""The network of the server over Zenoh; besides `network`, the only module here that imports zenoh.
 
 Samples and queries wait in channels until they are polled. Callbacks run directly in the network's thread.
 """
@@ -35,11 +35,11 @@ class ZenohNetwork:
         self._session = session
 
     def close(self) -> None:
-        """Leave the network: an open session hangs the interpreter at exit."""
+        """Leave the network: an open session would block the interpreter's exit."""
         self._session.close()  # type: ignore[no-untyped-call]
 
     def declare_publisher(self, key: str, priority: Priority) -> ZenohPublisher:
-        """Declare a publisher; it sends nothing as long as there is no reader. Raises NetworkError."""
+        """Declare a publisher; it sends nothing without a subscriber. Raises NetworkError."""
         drop = zenoh.CongestionControl.DROP
         try:
             declared = self._session.declare_publisher(
@@ -68,7 +68,7 @@ class ZenohNetwork:
         refused: Callable[[Encoded], None],
         ended: Callable[[], None],
     ) -> None:
-        """Query the key; the reply may block (BLOCK), in a queue behind live samples (DATA_LOW)."""
+        """Query the key; the replies may block (BLOCK), with lower priority than live samples (DATA_LOW)."""
 
         def pass_on(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
@@ -100,7 +100,7 @@ class ZenohNetwork:
         return self._session.liveliness().declare_token(key)
 
     def watch_liveliness(self, key: str) -> Channel[TokenChange]:
-        """Receive every token that is there, comes or goes; filled as those of `declare_subscriber`."""
+        """Receive every token that exists, appears or disappears; filled as in `declare_subscriber`."""
         waiting: zenoh.handlers.FifoChannel[zenoh.Sample] = zenoh.handlers.FifoChannel(TOKENS)
         declared = self._session.liveliness().declare_subscriber(key, waiting, history=True)
         return ZenohChannel(declared, declared.handler.try_recv, token_change)
@@ -138,7 +138,7 @@ class ZenohChannel(Generic[Raw, Received]):
         self._declared, self._try_recv, self._read = declared, try_recv, read
 
     def try_recv(self) -> Received | None:
-        """Return the oldest message; None where there is none."""
+        """Return the oldest message; None if there is none."""
         try:
             raw = self._try_recv()
         except zenoh.ZError:  # empty, and no longer declared
@@ -146,7 +146,7 @@ class ZenohChannel(Generic[Raw, Received]):
         return None if raw is None else self._read(raw)
 
     def undeclare(self) -> None:
-        """End the declaration; what was received can still be taken."""
+        """End the declaration; received messages can still be read."""
         self._declared.undeclare()
 
 

@@ -1,10 +1,10 @@
 """The service on the network: its subscriptions, queryables, and its start and stop.
 
-Every callback only enqueues: one that works would stop all reception.
+Every callback only enqueues: a long one would block all reception.
 
-At the start sessions are taken over, then subscribed to, then announced by the token, so that others release
-only what this instance has. Stopping goes the same way backwards, and closes the network session last: an
-open one would hang the interpreter.
+At the start sessions are taken over, then subscribed to, then announced by the token, so that other instances
+release only stations that this one has taken over. The stop does this in reverse order, and closes the
+network session last: an open one would block the interpreter's exit.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class ZenohServer:
         stop: threading.Event | None = None,
         join: Join = join,
     ) -> None:
-        """samples: answers for the journal; stop: set when the process no longer waits for a router.
+        """samples: reads samples from the journal; stop: set when the process no longer waits for a router.
 
         join: joins the network by its settings; `memory_network.in_memory` needs none.
         """
@@ -157,7 +157,7 @@ class ZenohServer:
         return self._link.is_up
 
     def check_link(self) -> None:
-        """Raise NetworkError where the router keeps this instance out, and lets others in."""
+        """Raise NetworkError if the router rejects this instance, and accepts other sessions."""
         if self._link.is_kept_out():
             raise NetworkError(
                 f"{self.endpoint} lets other sessions in and keeps this one out: another client has its "
@@ -189,7 +189,7 @@ class ZenohServer:
         )
 
     def _declare(self, stack: ExitStack, network: Network) -> None:
-        """Declare what belongs to no station: status, snapshots, the overload monitor."""
+        """Declare the keys that belong to no station: status, snapshots, the overload monitor."""
         key = service_key(self._owner.instance, "status")
         announced = publisher_of(network, key)
         stack.enter_context(OverloadMonitor(self._queue, lambda: put(announced, self.status())))
@@ -202,10 +202,10 @@ class ZenohServer:
             stack.callback(self._poller.declare_queryable(network, asked, handle).undeclare)
 
     def _await_name(self, network: Network, patience_s: float) -> None:
-        """Wait until no other instance has the own name. Raises NetworkError where one goes on having it.
+        """Wait until no other instance has the own name. Raises NetworkError after patience_s.
 
-        Both would serve the same stations: each command would be carried out twice, and every result would be
-        published twice.
+        Two instances of one name would serve the same stations: each command would be executed twice, and
+        every result would be published twice.
         """
         key, end, is_said = service_key(self._owner.instance, "alive"), time.monotonic() + patience_s, False
         while network.list_tokens(key):
@@ -221,7 +221,7 @@ class ZenohServer:
                 raise NetworkError("stopped while another instance had its name")
 
     def _announce(self, stack: ExitStack, network: Network) -> None:
-        """Declare the own token, then watch those of others. Raises NetworkError where the name is taken."""
+        """Declare the own token, then watch those of others. Raises NetworkError if the name is in use."""
         self._await_name(network, 0.0)  # once more: the journal may have taken long
         token = network.declare_token(service_key(self._owner.instance, "alive"))
         stack.callback(token.undeclare)
@@ -248,9 +248,9 @@ class ZenohServer:
             self._muted_commands.mute(source)
 
     def _handle_query(self, take: Callable[[IncomingQuery, str], bool], query: IncomingQuery) -> None:
-        """Enqueue a query for what stations have within the budget of its lane, or refuse it.
+        """Enqueue a query on stations within the budget of its lane, or refuse it.
 
-        take: enqueues it; returns False where too many of the lane wait.
+        take: enqueues it; returns False if too many of the lane are queued.
         """
         lane = lane_of_query(query.key)
         if self._muted_queries.drops(lane):
@@ -288,7 +288,7 @@ class ZenohServer:
         self._queue.offer(BatchesReceived(block, source, station), source, size, station, count=count)
 
     def _end_poll(self) -> None:
-        """Release batches that have waited long enough, and tokens; count what was dropped unread."""
+        """Pass on overdue batches and tokens; count the messages dropped unread."""
         self._collector.release_overdue()
         self._tokens.poll()
         for key, count in self._muted.pop_drops().items():

@@ -1,9 +1,10 @@
-"""Consecutive batches of a session whose payloads are alike in everything but number, times and samples.
+"""Consecutive batches of a session whose payloads differ only in number, times and samples.
 
-A robot sends the same header thousands of times. Where one payload has been read and validated, another one
-with the same bytes around its number, its `t0` and its samples says the same in all other fields. So it is
-not unpacked, validated and packed again for the journal. What such a payload may still have wrong, such as a
-value that is no number, the batch receiver finds in the samples; then it receives each batch by itself.
+A robot sends the same header thousands of times. After one payload has been decoded and validated, another
+one with the same bytes around its number, its `t0` and its samples has the same values in all other fields.
+So it is not decoded, validated and encoded again for the journal. Remaining errors of such a payload, such as
+a value that is no number, are found in the samples by the batch receiver, which then receives each batch
+separately.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ class BatchLayout:
 
     @classmethod
     def of(cls, payload: bytes) -> Self | None:
-        """Return the layout of a payload; None where it is no valid batch or not as `encode` packs it."""
+        """Return the layout of a payload; None if it is not a valid batch or not encoded as by `encode`."""
         try:
             message = decode(payload, ENCODING, SampleBatch)
             if encode(message).payload != payload:
@@ -84,7 +85,7 @@ class BatchLayout:
         )
 
     def seq_of(self, payload: bytes) -> int | None:
-        """Return the number of a batch; None where its payload is not alike."""
+        """Return the number of a batch; None if its payload has another layout."""
         is_alike = (
             len(payload) == self.size
             and payload.startswith(self.head)
@@ -99,18 +100,18 @@ class BatchLayout:
         return seq if has_type_byte or seq < _SMALL_SEQ else None
 
     def t0_of(self, payload: bytes) -> float:
-        """Return `t0` [s] of a payload that is alike."""
+        """Return `t0` [s] of a payload with this layout."""
         t0: float = _T0.unpack_from(payload, self.t0_at)[0]
         return t0
 
     def t_last_of(self, payload: bytes) -> float:
-        """Return the time of the last sample [s] of a payload that is alike."""
+        """Return the time of the last sample [s] of a payload with this layout."""
         since: float = self.number.unpack_from(payload, self.last_at)[0]
         return self.t0_of(payload) + since
 
 
 class BatchBlock(NamedTuple):
-    """Consecutive batches, numbered without a hole. All payloads have the layout."""
+    """Consecutive batches, numbered without a gap. All payloads have the layout."""
 
     layout: BatchLayout
     first: int  # number of the first one
@@ -122,7 +123,7 @@ class BatchBlock(NamedTuple):
         return self.layout.message.session
 
     def after(self, count: int) -> Self:
-        """Return the block without its first batches."""
+        """Return the block without its first `count` batches."""
         return self._replace(first=self.first + count, payloads=self.payloads[count:])
 
     def samples(self) -> NDArray[np.float64]:

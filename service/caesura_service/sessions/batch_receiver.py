@@ -1,8 +1,8 @@
 """Receives the batches of a session: each is recorded, then processed once and in sequence.
 
-A batch that arrives early is held, and the missing ones are requested. What the bridge no longer has becomes
-a gap, after which the session continues. A batch whose content is rejected is counted and becomes a gap too,
-because sending it again would not change it.
+A batch that arrives early is held, and the missing ones are requested. Batches that the bridge no longer has
+become a gap, after which the session continues. A batch with invalid content is counted and becomes a gap
+too, because sending it again would not change it.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class BatchReceiver:
         return self._buffer.is_duplicate(seq)
 
     def receive_batch(self, batch: SampleBatch, now: float) -> list[Output]:
-        """Process or hold a batch. Raises ProtocolError where its number is too far ahead; JournalError."""
+        """Process or hold a batch. Raises ProtocolError if its number is too far ahead; JournalError."""
         if self._buffer.is_in_turn(batch.seq):
             return self._receive_in_turn(batch, now)
         self._check_seq(batch.seq)
@@ -70,11 +70,11 @@ class BatchReceiver:
         return [*self._hold(batch), *self._process_ready(), *self.request_missing(now)]
 
     def receive_together(self, block: BatchBlock, now: float) -> tuple[int, list[Output]]:
-        """Process the first batches of a block together, up to one with which an observation is complete.
+        """Process the first batches of a block together, up to one that completes an observation.
 
-        Those of a block that is early are held. Return how many those are, and the outputs of `receive_batch`
-        for each in turn. 0: the first one has to be received by itself. A program that is due may be left to
-        the host's `make_due_program`. Raises JournalError where the first one cannot be recorded.
+        Batches of an early block are held. Return their number, and the outputs of `receive_batch` for each
+        in turn. 0: the first one must be received separately. A due program may be postponed to the host's
+        `make_due_program`. Raises JournalError if the first one cannot be recorded.
         """
         if block.layout.message.columns != self._columns or self._buffer.is_duplicate(block.first):
             return 0, []
@@ -86,7 +86,7 @@ class BatchReceiver:
         return self._receive_early(block, samples, now)
 
     def announce_seq(self, seq: int, now: float) -> list[Output]:
-        """Request what is missing up to this batch. Raises ProtocolError where it is too far ahead."""
+        """Request the missing batches up to this one. Raises ProtocolError if it is too far ahead."""
         self._check_seq(seq)
         self._announce(seq)
         return self.request_missing(now)
@@ -104,7 +104,7 @@ class BatchReceiver:
         return [*self._record_lost(target, now), *self.request_missing(now)]
 
     def request_missing(self, now: float) -> list[Output]:
-        """Request the missing batches, if there are any and no request is under way."""
+        """Request the missing batches, if there are any and no request is in progress."""
         missing = self._buffer.missing_range() if self._is_open else None
         wanted = self._backoff.next_request(missing, now)
         return [RequestReplay(self._station, self._session, *wanted)] if wanted else []
@@ -131,7 +131,7 @@ class BatchReceiver:
         return self.declare_lost(target)
 
     def skip_to(self, seq: int) -> None:
-        """Start at this batch: those before it are in the stored outcome."""
+        """Start at this batch: the stored outcome contains those before it."""
         self._buffer.skip_to(seq)
 
     def reset_backoff(self) -> None:
@@ -175,7 +175,7 @@ class BatchReceiver:
         return count, [*outputs, *self._process_ready(), *self.request_missing(now)]
 
     def _receive_early(self, block: BatchBlock, samples: Samples, now: float) -> tuple[int, list[Output]]:
-        """Hold the first batches of a block behind a missing one, as many as there is room for."""
+        """Hold the first batches of a block after a missing one, as many as fit."""
         message, free = block.layout.message, self._buffer.free_run(block.first)
         most = len(block.payloads) if free is None else min(free, len(block.payloads))
         if block.first + most - 1 > self.next_seq + self._limits.batches_ahead:
@@ -202,7 +202,7 @@ class BatchReceiver:
         return self._host.declare_gap(1) if samples is _REJECTED else self._host.push(samples)
 
     def _hold(self, batch: SampleBatch) -> list[Output]:
-        """Hold the samples until the batches before them are there."""
+        """Hold the samples until the batches before them are received."""
         samples, outputs = self._validated(batch)
         self._buffer.hold(batch.seq, samples, 0 if samples is _REJECTED else _size(batch))
         return outputs
@@ -222,7 +222,7 @@ class BatchReceiver:
         return outputs
 
     def _pop_together(self) -> list[Samples]:
-        """Remove held batches, up to one with which an observation is complete; none for a rejected one."""
+        """Remove held batches, up to one that completes an observation; none for a rejected one."""
         samples, due_s = self._buffer.pop_next(), self._host.due_s
         if samples is _REJECTED:
             return []

@@ -40,9 +40,9 @@ def validated_samples(batch: SampleBatch, columns: tuple[str, ...], limits: Limi
 
 
 def is_usual(samples: NDArray[np.float64], limits: Limits) -> bool:
-    """Whether samples (n, columns) of several batches are such that `validated_samples` passes each of them.
+    """Return whether `validated_samples` would accept each batch of these samples (n, columns).
 
-    After False, each batch has to be validated by itself.
+    After False, each batch must be validated separately.
     """
     if not np.vdot(samples, samples) <= limits.value**2:
         return False
@@ -63,7 +63,7 @@ def _check_times(seq: int, times: NDArray[np.float64], limits: Limits) -> None:
 
 
 def _likely_cause(times: NDArray[np.float64], limits: Limits) -> str:
-    """State what explains the times [s] of a batch that spans too much, and what to do; else nothing."""
+    """Return the probable cause and remedy for a batch whose times [s] span too much; empty if unknown."""
     if (likely := likely_time_unit(times)) is not None:
         return f": its times are probably in {likely}"
     if float(np.abs(np.diff(times)).max()) > limits.batch_span_s:
@@ -72,9 +72,9 @@ def _likely_cause(times: NDArray[np.float64], limits: Limits) -> str:
 
 
 def _check_values(batch: SampleBatch, cells: NDArray[np.floating[Any]], limits: Limits) -> None:
-    """Squares of absurd values leave no digits for the others, and then no number.
+    """Raise ProtocolError for absurd values: in later sums their squares would exceed precision or range.
 
-    cells: (n, columns), of which nothing as large is made.
+    cells: (n, columns); no array of this size is made.
     """
     sizes = np.maximum(cells.max(axis=0), -cells.min(axis=0))
     sizes[0] = 0.0  # time has its own limit

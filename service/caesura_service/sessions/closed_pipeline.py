@@ -98,7 +98,7 @@ def view_from_snapshot(snapshot: Snapshot) -> PipelineView:
 
 
 def state_from_snapshot(snapshot: Snapshot, owner: Owner) -> SessionState:
-    """Restore the state of a closed session under its present owner; counts of the process begin anew."""
+    """Restore the state of a closed session under its current owner; counts of the process restart at 0."""
     status = snapshot.status
     last_seq: dict[Stream, int] = {
         "status": status.seq,

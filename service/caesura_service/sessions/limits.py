@@ -1,4 +1,4 @@
-"""All limits of sessions and of the registry, by name."""
+"""The limits of sessions and of the registry, by name."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from caesura_protocol.messages import MAX_BATCH_SPAN_S, MAX_BATCHES_AHEAD
 
 @dataclass(frozen=True)
 class Limits:
-    """The limits of what one peer may use. A refusal names its limit."""
+    """The limits of a peer's use. A refusal names its limit."""
 
     # Ordering and replay
     held_batches: int = 128  # that arrived early; further ones are requested again

@@ -49,7 +49,7 @@ Take = Callable[[NDArray[np.float64]], bool]  # a pipeline's `push`, or `push_wi
 
 
 class PreparedEdit(NamedTuple):
-    """An edit that can be applied."""
+    """A validated edit with its filtered pipeline, ready to be applied."""
 
     outcome: messages.EditOutcome
     pipeline: Pipeline
@@ -72,7 +72,7 @@ class PipelineHost:
         limits: Limits,
         opened: float | None = None,
     ) -> None:
-        """opened: time of day of the first opening [s], where it is known."""
+        """opened: time of day of the first opening [s], if known."""
         self.corrections = EditHistory()
         self._pipeline = pipeline
         self._applied_corrections: tuple[ResolvedEdit, ...] = ()  # corrections that the pipeline applies
@@ -90,7 +90,7 @@ class PipelineHost:
 
     @property
     def state(self) -> SessionState:
-        """The state of now; any thread may read it."""
+        """The current state; any thread may read it."""
         published, batches, samples = self._latest
         return published.with_counts(batches, samples) if batches else published
 
@@ -128,9 +128,10 @@ class PipelineHost:
     def push_together(
         self, samples: NDArray[np.float64], batches: int, *, without_program: bool = False
     ) -> list[Output]:
-        """Push the samples of so many batches of one size as `push` does in turn, where `due_s` allows it.
+        """Push the samples of several batches of one size, with the results of separate pushes, if `due_s`
+        allows it.
 
-        without_program: one that is due is left to `make_due_program`, which has to be called next.
+        without_program: postpone a due program to `make_due_program`, which must be called next.
         """
         take = self._pipeline.push_without_program if without_program else self._pipeline.push
         try:
@@ -141,11 +142,11 @@ class PipelineHost:
 
     @property
     def has_due_program(self) -> bool:
-        """Whether the last push has left a program to `make_due_program`."""
+        """Whether the last push has postponed a program to `make_due_program`."""
         return self._pipeline.has_due_program
 
     def make_due_program(self) -> list[Output]:
-        """Make the program that the last push has left, if it has, and publish it."""
+        """Make the program that the last push has postponed, if any, and publish it."""
         if not self._pipeline.has_due_program:
             return []
         try:
@@ -155,7 +156,9 @@ class PipelineHost:
         return self._run_guarded(self._update_view)
 
     def _push(self, samples: NDArray[np.float64], count: int, take: Take) -> list[Output]:
-        """Push the samples of so many batches. Raises ProtocolError for invalid ones; nothing has changed."""
+        """Push the samples of `count` batches. Raises ProtocolError for invalid ones, and then changes
+        nothing.
+        """
         try:
             changed = _push(take, samples)  # may give way: what is published meanwhile is not retracted
         except ProtocolError:
@@ -170,7 +173,7 @@ class PipelineHost:
         return self._run_guarded(lambda: self._update_view(counters))
 
     def declare_gap(self, batches: int) -> list[Output]:
-        """Declare so many batches lost: a gap between the last sample and the next."""
+        """Declare this number of batches lost: a gap between the last sample and the next."""
 
         def step() -> list[Output]:
             self._pipeline.declare_gap()
@@ -193,16 +196,17 @@ class PipelineHost:
         return self._run_guarded(step)
 
     def prepare_edit(self, edit: Edit, at: float) -> PreparedEdit:
-        """Filter a pipeline with one edit more; the session stays as it is.
+        """Filter a pipeline with one more edit; the session does not change.
 
-        at: time of day [s]. Raises ProtocolError for an edit that does not apply. No refused edit is in the
-        journal, so the pipeline must not be brought up to date for one: a replay would make later results at
+        at: time of day [s]. Raises ProtocolError for an edit that does not apply. A refused edit is not
+        recorded, so the pipeline must not be brought up to date for it: a replay would make later results at
         other times.
         """
         return self._prepare(edit, at, copy(self._pipeline))
 
     def preview(self, asked: Preview, at: float) -> EditEffect:
-        """Return what an edit would change, or what the corrections after one have. Raises as `prepare_edit`.
+        """Return what an edit would change, or what the corrections after one have changed. Raises as
+        `prepare_edit`.
 
         A copy of the pipeline is brought up to date, because that decides when the next results are made.
         """
@@ -252,15 +256,15 @@ class PipelineHost:
         return self.publish_status()
 
     def check_program_edit(self, command: EditProgram, at: float) -> None:
-        """Check that an edit applies to the program of now. Raises ProtocolError. at: time of day [s]."""
+        """Check that an edit applies to the current program. Raises ProtocolError. at: time of day [s]."""
         log = self.state.program_edits.after(command, at, replacing_apps(command))
         if not isinstance(command.action, Undo | Redo):
             check_program_edit(self.state, log)
 
     def edit_program(self, command: EditProgram, at: float) -> Publish:
-        """Take an edit of the program into its log, and publish the program. at: time of day [s].
+        """Add an edit of the program to its log, and publish the program. at: time of day [s].
 
-        One of the journal may no longer apply; the program then lists it with the reason.
+        A replayed edit may no longer apply; the program then lists it with the reason.
         """
         log = self.state.program_edits.after(command, at, replacing_apps(command))
         self.state, published = messages.apply_program_edit(self.state, log, command.author, at)
@@ -272,7 +276,7 @@ class PipelineHost:
     # of them from the beginning (`prefilter_edits`), and has to at the end (`refilter`).
 
     def prefilter_edits(self, edits: Iterable[AppliedEdit]) -> None:
-        """Filter from here on by all of these edits; `replay_edit` then counts each at its place."""
+        """Filter with all of these edits from now on; `replay_edit` then counts each at its place."""
         corrections = self.corrections
         for edit in edits:
             if edit.revision < corrections.revision:
@@ -315,19 +319,19 @@ class PipelineHost:
         return []
 
     def refilter(self) -> None:
-        """Filter again where the pipeline's corrections differ from the counted ones."""
+        """Filter again if the pipeline's corrections differ from the counted ones."""
         if self._set_corrections(self.corrections.active):
             self.state = messages.apply_corrected_view(self.state, self._pipeline.view)
 
     def _set_corrections(self, corrections: tuple[ResolvedEdit, ...]) -> bool:
-        """Filter by these corrections; return whether that changed the pipeline."""
+        """Filter with these corrections; return whether that changed the pipeline."""
         if corrections == self._applied_corrections or self.lifecycle == "failed":
             return False
         self._pipeline, self._applied_corrections = self._pipeline.corrected(corrections), corrections
         return True
 
     def adopt_rebuilt(self, rebuilt: PipelineHost) -> None:
-        """Take pipeline and history of the same session, rebuilt from its records; the state stays."""
+        """Use pipeline and history of the same session, rebuilt from its records; keep the state."""
         self._pipeline, self.corrections = rebuilt._pipeline, rebuilt.corrections
         self._applied_corrections = rebuilt._applied_corrections
 
@@ -337,7 +341,7 @@ class PipelineHost:
         return self._publish_status_throttled()
 
     def reject_batch(self, error: ProtocolError) -> list[Output]:
-        """Count a batch whose content is rejected, for the session here and for the service by the output."""
+        """Count a batch with invalid content, for the session, and by the output for the service."""
         return [BatchRejected(error), *self.reject(error)]
 
     def count_dropped(self, messages: int) -> list[Output]:
@@ -360,7 +364,7 @@ class PipelineHost:
         self.state = self.state._replace(counters=counters._replace(duplicates=counters.duplicates + 1))
 
     def set_owner(self, owner: Owner) -> None:
-        """Publish under this owner from here on."""
+        """Publish under this owner from now on."""
         header = self.state.program_header.model_copy(
             update={"instance": owner.instance, "epoch": owner.epoch}
         )
@@ -372,7 +376,7 @@ class PipelineHost:
             self.state = self.state._replace(waiting_for=seq)
 
     def publish_status(self) -> Publish:
-        """Publish the status of now."""
+        """Publish the current status."""
         self._status_t = max(self._status_t, self.state.view.t)
         self._status_pending = False
         self.state, outputs = messages.publish_status(self.state)
@@ -387,7 +391,7 @@ class PipelineHost:
         return [self.publish_status()]
 
     def _update_view(self, counters: SessionCounters | None = None) -> list[Output]:
-        """Publish what changed in the pipeline's view, and a status where one is due."""
+        """Publish the changes of the pipeline's view, and a status if one is due."""
         before = self.last_published_state  # what has been counted since, the view and the tally have
         counters = counters or self.state.counters
         self.state, changes = messages.apply_view(before, self._pipeline.view, counters)
@@ -408,7 +412,7 @@ class PipelineHost:
         return [Publish(program_of(self.state))]
 
     def _run_guarded(self, step: Callable[[], list[Output]]) -> list[Output]:
-        """Run a step. On an error drop its outputs, restore the state before it and fail the session."""
+        """Run a step. On an error drop its outputs, restore the previous state and fail the session."""
         before = self._latest
         try:
             return step()
@@ -430,14 +434,14 @@ class PipelineHost:
 
 
 def replacing_apps(command: EditProgram) -> tuple[App, ...]:
-    """The apps that a recorded edit puts in the place of a part."""
+    """Return the apps with which a recorded edit replaces a part."""
     return command.apps if isinstance(command, AppliedProgramEdit) else ()
 
 
 def _push(take: Take, samples: NDArray[np.float64]) -> bool:
     """Push samples; return whether the view changed. Raises ProtocolError `malformed`.
 
-    The pipeline raises a plain ValueError and is unchanged then; every other error is internal.
+    For invalid samples the pipeline raises ValueError and is unchanged; every other error is internal.
     """
     try:
         return take(samples)

@@ -1,7 +1,8 @@
 """The reorder buffer of batches, and the schedule of requests for missing ones.
 
-Two rules. `pop_next` returns each batch exactly once and in sequence. At most one request for missing batches
-is under way. After an answer with progress the next request follows at once, after one without it a pause.
+Rules: `pop_next` returns each batch exactly once and in sequence. At most one request for missing batches is
+in progress. After an answer with progress the next request follows at once; after one without progress it
+follows after a pause.
 """
 
 from __future__ import annotations
@@ -42,11 +43,11 @@ class ReorderBuffer(Generic[T]):
         return max(0, min(self._capacity - len(self._held), by_size))
 
     def free_run(self, seq: int) -> int | None:
-        """Return how many items from this one on are not held; None where no later one is held."""
+        """Return how many items from this one on are not held; None if no later one is held."""
         return min((held - seq for held in self._held if held >= seq), default=None)
 
     def is_in_turn(self, seq: int) -> bool:
-        """Whether it is the expected batch, with nothing held and nothing missing."""
+        """Whether it is the expected batch, and no batch is held or missing."""
         return seq == self.next_seq and not self._held and self.newest_seq < seq
 
     def advance(self, count: int = 1) -> None:
@@ -88,12 +89,12 @@ class ReorderBuffer(Generic[T]):
         return (self.next_seq, last) if self.next_seq <= last else None
 
     def next_available(self, oldest: int | None) -> int:
-        """Return the first batch that is held or replayable where nothing before `oldest` will come."""
+        """Return the first batch that is held or can be replayed, if those before `oldest` are gone."""
         ahead = [seq for seq in (oldest, min(self._held, default=None)) if seq is not None]
         return min((seq for seq in ahead if seq > self.next_seq), default=self.newest_seq + 1)
 
     def skip_to(self, seq: int) -> None:
-        """Continue at a batch ahead; drop what is held before it."""
+        """Continue at a later batch; drop the held ones before it."""
         for passed in [held for held in self._held if held < seq]:
             self._bytes -= self._held.pop(passed).size
         self.next_seq = seq

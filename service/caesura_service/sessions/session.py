@@ -1,16 +1,16 @@
-"""A session is a fold over its journal: open, samples, holes that were given up, close.
+"""A session is a fold over its journal: opening, samples, declared losses, edits, close.
 
 Rules
-- What changes the session is recorded before it is processed; replaying the records gives the same
-  session bit for bit. What cannot be recorded is not processed: the sender gets a refusal, and
+- A message that changes the session is recorded before it is processed; replaying the records gives the same
+  session bit for bit. A message that cannot be recorded is not processed: the sender gets a refusal, and
   nothing is lost.
 - A crash never retracts a published result. The results of a batch may be published before its record is
-  safe, because the bridge still has it; everything else is safe before it is processed, and everything
-  before an acknowledgement.
+  on disk, because the bridge still has it. Every other message is on disk before it is processed, and every
+  record before it is acknowledged.
 - A batch is processed in sequence, exactly once (`batch_receiver`).
-- A restarted bridge opens the session again with a higher epoch and continues numbering at the
-  `next_seq` of the acknowledgement: what its predecessor had not delivered is gone. Until it has opened,
-  its batches are refused; those of an older epoch always are.
+- A restarted bridge opens the session again with a higher epoch and continues numbering at the `next_seq` of
+  the acknowledgement: batches that its predecessor had not delivered are lost. Until the session is opened
+  again, its batches are refused; those of an older epoch always are.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ from caesura_service.sessions.session_journal import SessionJournal
 class Awaited(NamedTuple):
     """The batch that a session expects, and the session time that completes its next observation [s].
 
-    due_s: −inf where every batch has to be processed by itself.
+    due_s: −inf if every batch must be processed separately.
     """
 
     next_seq: int
@@ -77,8 +77,8 @@ class Session:
     ) -> None:
         """opening: with its preset filled in, so that a replay does not depend on the service's choice.
 
-        opened: time of day of the first opening [s], where it is known; check_current: raises JournalError
-        where another instance owns the station now.
+        opened: time of day of the first opening [s], if known; check_current: raises JournalError if another
+        instance owns the station now.
         """
         self._opening = opening
         self._host = PipelineHost(station, opening, pipeline, owner=owner, limits=limits, opened=opened)
@@ -94,7 +94,7 @@ class Session:
 
     @property
     def state(self) -> SessionState:
-        """The state of now; immutable."""
+        """The current state; immutable."""
         return self._host.state
 
     @property
@@ -133,9 +133,9 @@ class Session:
         return [*self._host.initial_messages(), self._ack()]
 
     def replay_records(self, records: Iterable[Record], edits: Iterable[AppliedEdit] = ()) -> Iterator[None]:
-        """Replay the records after the opening without outputs or recording; gives way after each.
+        """Replay the records after the opening without outputs or recording; yields after each.
 
-        edits: those among the records, where given beforehand: then nothing is filtered twice.
+        edits: the edits among the records, if given in advance: then nothing is filtered twice.
         """
         with self._journal.suspended(), self._collecting_edits():
             self._host.initial_messages()
@@ -159,7 +159,7 @@ class Session:
     def apply_peer_records(
         self, records: Iterable[Record], edits: Iterable[AppliedEdit] = ()
     ) -> Iterator[None]:
-        """Apply and record what another instance recorded of this session; gives way after each record.
+        """Apply and record the records of another instance of this session; yield after each record.
 
         edits: as in `replay_records`. Publishes nothing. Raises as `receive`.
         """
@@ -190,25 +190,25 @@ class Session:
             self._host.refilter()
 
     def set_owner(self, owner: Owner) -> None:
-        """Publish under this owner from here on."""
+        """Publish under this owner from now on."""
         self._host.set_owner(owner)
 
     def load_outcome(self, outcome: Outcome, state: SessionState) -> None:
-        """Become the closed session of an outcome, without a replay."""
+        """Restore the closed session from an outcome, without a replay."""
         self._host.state = state
         self._receiver.skip_to(outcome.last_seq + 1)
         self._has_pipeline = False
 
     def adopt_rebuilt(self, rebuilt: Session) -> None:
-        """Take the pipeline of the session rebuilt from the records, so that it can be corrected."""
+        """Use the pipeline of the session rebuilt from the records, so that it can be corrected."""
         self._host.adopt_rebuilt(rebuilt._host)
         self._has_pipeline = True
 
     def receive(self, message: Incoming, now: float) -> list[Output]:
         """Process a message.
 
-        Raises ProtocolError, and changes nothing, where it is refused as a whole; JournalError where it
-        cannot be recorded.
+        Raises ProtocolError, and changes nothing, if it is refused completely; JournalError if it cannot be
+        recorded.
         """
         match message:
             case SampleBatch():
@@ -227,14 +227,16 @@ class Session:
 
     @property
     def awaited(self) -> Awaited:
-        """The next batch and session time that the session awaits of its bridge; any thread may read them."""
+        """The next batch and session time that the session expects from its bridge; any thread may read
+        them.
+        """
         return Awaited(self.next_seq, self._host.due_s)
 
     def receive_together(self, block: BatchBlock, now: float) -> tuple[int, list[Output]]:
         """Process the first batches of a block together, as `receive` does in turn.
 
-        Return how many, and the outputs. 0: the first one has to be received by itself. A program that is due
-        is left to `make_due_program`, which has to be called next. Raises JournalError.
+        Return their number, and the outputs. 0: the first one must be received separately. A due program is
+        postponed to `make_due_program`, which must be called next. Raises JournalError.
         """
         message, opening = block.layout.message, self._opening
         is_own = message.bridge in {opening.bridge, None} or opening.bridge is None
@@ -244,15 +246,15 @@ class Session:
 
     @property
     def has_due_program(self) -> bool:
-        """Whether the last block has left a program to `make_due_program`."""
+        """Whether the last block has postponed a program to `make_due_program`."""
         return self._host.has_due_program
 
     def make_due_program(self) -> list[Output]:
-        """Make and publish the program that `receive_together` has left."""
+        """Make and publish the program that `receive_together` has postponed."""
         return self._host.make_due_program()
 
     def is_repeated(self, edit: Edit | EditProgram) -> bool:
-        """Whether an edit was carried out already: its author asks again for a lost answer.
+        """Whether an edit was applied before: its author repeats it after a lost acknowledgement.
 
         Raises JournalError.
         """
@@ -274,7 +276,7 @@ class Session:
         return self._host.reject(error)
 
     def request_missing(self, now: float) -> list[Output]:
-        """Request missing batches where a request is due, with a status. now: [s]."""
+        """Request missing batches if a request is due, with a status. now: [s]."""
         asked = self._receiver.request_missing(now)
         return [*asked, self._host.publish_status()] if asked else []
 
@@ -284,11 +286,11 @@ class Session:
 
     @property
     def status_throttled(self) -> bool:
-        """Whether a status about refusals waits; `flush_status` publishes it."""
+        """Whether a status about refusals is postponed; `flush_status` publishes it."""
         return self._host.status_throttled
 
     def flush_status(self, now: float) -> list[Output]:
-        """Publish a postponed status where it is due. now: [s]."""
+        """Publish a postponed status if it is due. now: [s]."""
         return self._host.flush_status(now)
 
     # --- messages ---------------------------------------------------------------------------------------
@@ -341,9 +343,10 @@ class Session:
         return [self._ack()]
 
     def _has_lost_up(self, reopening: Open) -> bool:
-        """Return whether a service that does not know the direction has journaled this opening without it.
+        """Return whether an older service has recorded this opening without its direction of up.
 
-        A bridge never changes its opening. The session goes on as it began; the acknowledgement says so.
+        A bridge never changes its opening. The session continues as it began; the acknowledgement states
+        that.
         """
         mine, is_stated = self._opening, reopening.up is not None
         is_same = reopening.bridge is not None and reopening.bridge == mine.bridge
@@ -368,7 +371,7 @@ class Session:
         return self._finish()
 
     def _receive_change(self, change: Edit | Preview | Describe | EditProgram, now: float) -> list[Output]:
-        """Process what an operator changes or would change, of an open session or a closed one."""
+        """Process a command of an operator, or a preview of one, for an open or closed session."""
         match change:
             case Describe():
                 return self._receive_description(change, now)
@@ -391,12 +394,12 @@ class Session:
         return [*outputs, self._ack(prepared.effect if edit.with_effect else None)]
 
     def _receive_preview(self, preview: Preview, now: float) -> list[Output]:
-        """Answer what an edit would change. Nothing is recorded, kept or published."""
+        """Reply what an edit would change. Nothing is recorded, stored or published."""
         self._check_editable(preview)
         return [Reply(self._acknowledgement(self._host.preview(preview, now)))]
 
     def _check_editable(self, edit: Edit | Preview) -> None:
-        """Check that an edit is one of the session as its author has seen it. Raises ProtocolError."""
+        """Check that an edit is based on the session that its author has seen. Raises ProtocolError."""
         next_state(self.state.lifecycle, "edit")
         self.check_revision(edit)
         self._check_records_exist()
@@ -468,7 +471,7 @@ class Session:
     # --- steps ------------------------------------------------------------------------------------------
 
     def _check_bridge(self, message: SampleBatch | Heartbeat | Open | Close) -> None:
-        """Check that the message is of the session's bridge; one without a name passes."""
+        """Check that the message is from the session's bridge; one without a bridge name is accepted."""
         mine = self._opening.bridge
         if message.bridge == mine or mine is None or message.bridge is None:
             return
@@ -491,7 +494,7 @@ class Session:
             raise ProtocolError("conflict", why, value=epoch, limit=current)
 
     def _resume(self, reopening: Open, now: float) -> list[Output]:
-        """Declare missing batches lost: a restarted bridge cannot send what its predecessor kept."""
+        """Declare missing batches lost: a restarted bridge does not have its predecessor's batches."""
         outputs = self._receiver.declare_all_missing_lost(
             now
         )  # recorded first: the opening says nothing of them
@@ -500,7 +503,9 @@ class Session:
         return [*outputs, *self._host.declare_gap(0), self._host.publish_status()]
 
     def _request_rest(self, close: Close, now: float) -> list[Output]:
-        """Request what is missing before the close; the bridge closes again. No refusal is counted."""
+        """Request the missing batches before the close; the bridge repeats the close. No refusal is
+        counted.
+        """
         asked = self._receiver.announce_seq(close.last_seq, now)
         missing = "batches are missing before the close"
         refusal = ProtocolError("conflict", missing, value=self.next_seq, limit=close.last_seq)
@@ -524,7 +529,7 @@ class Session:
     def _ack(self, effect: EditEffect | None = None, revision: int | None = None) -> Reply:
         """Write all records to disk, then acknowledge. Raises JournalError.
 
-        revision: that of an edit which was made before others; by default the present one.
+        revision: that of an edit which was made before others; by default the current one.
         """
         self._journal.commit()
         return Reply(self._acknowledgement(effect, revision))

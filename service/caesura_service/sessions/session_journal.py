@@ -16,7 +16,7 @@ class SessionJournal:
     def __init__(
         self, station: str, session: str, journal: Journal, check_current: Callable[[], None]
     ) -> None:
-        """check_current: raises JournalError where another instance owns the station now."""
+        """check_current: raises JournalError if another instance owns the station now."""
         self._station, self._session = station, session
         self._journal: Journal | None = journal
         self._check_current = check_current
@@ -25,7 +25,7 @@ class SessionJournal:
 
     @contextmanager
     def copying(self) -> Iterator[None]:
-        """Record what another instance has recorded, without a check of the owner, during the context."""
+        """Record another instance's records during the context, without a check of the station's owner."""
         self._is_copying = True
         try:
             yield
@@ -42,10 +42,10 @@ class SessionJournal:
             self._journal = journal
 
     def exist(self, edits: int, annotations: int) -> bool:
-        """Whether the journal has the records of a closed session, with so many edits and annotations.
+        """Whether the journal has the records of a closed session, with these numbers of edits and
+        annotations.
 
-        A copy that is just being made of a peer's records, or was not completed, has fewer: what would be
-        appended to it would take the place of those that are missing.
+        An incomplete copy of a peer's records has fewer: a record appended to it would replace a missing one.
         """
         if self._journal is None:
             return True
@@ -61,9 +61,11 @@ class SessionJournal:
         return self._journal.edit_at(self._station, self._session, kind, revision)
 
     def append(self, message: Recordable, now: float) -> None:
-        """Append a message; all except batches are on disk then. Raises JournalError and changes nothing.
+        """Append a message; all except batches are on disk on return. Raises JournalError and then changes
+        nothing.
 
-        Every instance records equal batches; all else is refused where another instance owns the station.
+        Any instance may record batches, which are equal; other messages are refused if another instance owns
+        the station.
         """
         if self._journal is None:
             return
@@ -77,9 +79,9 @@ class SessionJournal:
             raise
 
     def append_batches(self, block: BatchBlock, count: int, now: float) -> int:
-        """Append the first batches of a block, `count` at most; return how many.
+        """Append the first batches of a block, `count` at most; return their number.
 
-        Raises JournalError where not even the first one can be.
+        Raises JournalError if the first one cannot be appended.
         """
         if self._journal is None:
             return count

@@ -1,4 +1,4 @@
-"""Selects the arithmetic of conditioning: compiled if numba is available, else the reference."""
+"""Selects the implementation of conditioning: compiled if numba is available, else NumPy."""
 
 from __future__ import annotations
 

@@ -1,20 +1,21 @@
 """The bias of an estimated wrench, tracked from the past only.
 
-An estimate from joint torques errs by the robot's model, and the error wanders. A robot without a hand on it
-touches something or it does not, so every force is one of two things:
+An estimate from joint torques has the error of the robot's model, which drifts. A robot without a hand on it
+is in contact or not, so every force is drawn from a mixture of two densities:
 
     p(F) = π N(m, b² I) + (1 − π) N(0, c² I)
 
-free space with mean m and scale b, or contact with a broad scale c. r is the probability of free space under
-what was known before:
+free space with mean m and scale b, or contact with a broad scale c. r is the probability of free space, given
+the observations before:
 
     m  = (n m0 + w Σ r F) / (n + w Σ r)
     b² = (ν b0² + w Σ r |F − m|²) / (ν + 3 w Σ r)
 
-with the tare as m0, and the sums over the whole session; each |F − m|² has the m of its time. w < 1, since
-errors last for a second and ten observations a second are no ten measurements. b stays between what a model
-errs by in motion, which a long rest does not show, and half of the scale of contact. m is taken off the
-force, and b is the scale of free space. DESIGN, "Segmentation: what real recordings taught".
+with the tare as m0, and the sums over the whole session; each |F − m|² has the m of its time. w < 1, because
+errors are correlated over a second, so ten observations a second are not ten independent ones. b is bounded
+below by the model's error in motion, which a long rest does not show, and above by half the scale of contact.
+m is subtracted from the force, and b is the scale of free space. DESIGN, "Segmentation: what real recordings
+taught".
 """
 
 from __future__ import annotations
@@ -45,10 +46,10 @@ class BiasState(NamedTuple):
 
 @dataclass(frozen=True)
 class BiasTracker:
-    """Two-component mixture of a force: its free space has a mean and a scale.
+    """Two-component mixture of a force: free space, with estimated mean and scale, and contact.
 
-    scale_n [N] b0; contact_n [N] c; free_share π; prior_mean n and prior_scale ν: observations that the prior
-    is worth; weight w.
+    scale_n [N] b0; contact_n [N] c; free_share π; prior_mean n and prior_scale ν: weights of the prior, in
+    observations; weight w.
     """
 
     scale_n: float
@@ -66,7 +67,7 @@ class BiasTracker:
         return mean, min(max(scale, LEAST_SCALE_N), 0.5 * self.contact_n)
 
     def advance(self, state: BiasState, force: Array) -> BiasState:
-        """Take one force (3,) [N], tared."""
+        """Return the state after a force (3,) [N], tared."""
         mean, scale = self.estimate(state)
         off2 = float((force - mean) @ (force - mean))
         free = math.log(self.free_share) - AXES * math.log(scale) - 0.5 * off2 / scale**2

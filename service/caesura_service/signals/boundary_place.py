@@ -1,10 +1,10 @@
-"""The place of a boundary between observations: read from the speed on the 100 Hz grid.
+"""The time of a boundary between observations, determined from the speed on the 100 Hz grid.
 
-The filter decides with which observation a segment starts; these are 0.1 s apart. Annotators read a boundary
-from the speed: a movement starts where the speed leaves that of rest, stops where it comes down to it, and
-ends at a corner where it is slowest (docs/annotation.md). So a boundary is sought less than one observation's
-step to either side of the middle between two observations. Where the force changes by more than a bias
-explains, a contact is the reason for the boundary, which stays in the middle.
+The filter decides with which observation a segment starts; these are 0.1 s apart. Annotators place a boundary
+by the speed: a movement starts where the speed rises above that of rest, stops where it falls to it, and ends
+at a corner where it is slowest (docs/annotation.md). So a boundary is sought less than one observation's step
+to either side of the middle between two observations. If the force changes by more than a bias, a contact
+caused the boundary, which stays in the middle.
 
 The place is a function of the signals alone. It is known with the next observation, and never changes.
 """
@@ -44,7 +44,8 @@ class RecentRows(NamedTuple):
         )
 
     def boundary(self, every: int, grid_hz: float, arithmetic: Backend, *, contact: bool) -> float | None:
-        """[s] where a segment begins that starts with the last observation but one; None without its rows.
+        """Return the start [s] of a segment whose first observation is the last but one; None without its
+        rows.
 
         every: grid rows from one observation to the next. contact: whether the force shows contact.
         """

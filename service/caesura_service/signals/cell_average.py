@@ -1,7 +1,7 @@
-"""Means of a piecewise-linear interpolant over grid cells: exact, and the same bits for the same cell.
+"""Means of a piecewise-linear interpolant over grid cells: exact, and bitwise reproducible for each cell.
 
-Each cell's pieces are added up by themselves (`np.add.reduceat`), from the same knots whatever else is
-computed beside it; a running integral would round differently for every starting point.
+Each cell's pieces are summed separately (`np.add.reduceat`), from the same knots in every call; a running
+integral would round differently for every starting point.
 """
 
 from __future__ import annotations

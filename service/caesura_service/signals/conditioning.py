@@ -1,12 +1,12 @@
-"""Conditioning: raw samples in, observations on the segmentation grid out, while they arrive.
+"""Conditioning: converts raw samples to observations on the segmentation grid while they arrive.
 
 Theory of operation. Samples become rows of a fixed grid (`grid`), rows become flange positions and forces in
-the base frame (`flange`), these are filtered (`filtering`), tared (`tare`) and every tenth is handed on.
-Each stage maps a frozen state and its input to the next state and its output; the conditioner keeps the
-states and replaces them when a push has succeeded, so a push that raises has changed nothing. Most pushes
-complete no observation: only the grid processes their samples.
+the base frame (`flange`), these are filtered (`filtering`), tared (`tare`) and every tenth becomes an
+observation. Each stage maps a frozen state and its input to the next state and its output; the conditioner
+keeps the states and replaces them when a push has succeeded, so a push that raises has changed nothing. Most
+pushes complete no observation: only the grid processes their samples.
 
-What comes out does not depend on how the samples were cut into pushes, bit for bit.
+The observations do not depend, to the last bit, on the division of the samples into pushes.
 """
 
 from __future__ import annotations
@@ -48,7 +48,9 @@ _TARED, _UNTARED = BiasTracker(TRACKED_BIAS_N), BiasTracker(UNTARED_BIAS_N)
 
 @dataclass(frozen=True)
 class ConditioningParameters:
-    """The parameters of conditioning. Raises ValueError for values that make no filter or no grid."""
+    """The parameters of conditioning. Raises ValueError for values from which no filter or grid can be
+    made.
+    """
 
     grid_hz: float = float(GRID_HZ)
     savgol_window: int = 11  # grid rows, odd
@@ -103,7 +105,7 @@ class ConditioningOutput(NamedTuple):
 
 
 class _State(NamedTuple):
-    """The state that the grid rows so far leave to the rows that follow."""
+    """The state that is carried from one grid row to the next."""
 
     tail: Array | None = None  # (m, c) flange rows that the filter still needs
     gripper: GripperState = GripperState()
@@ -117,7 +119,7 @@ class _State(NamedTuple):
 
 
 class Conditioner:
-    """The conditioning of one session. Copies share nothing that changes."""
+    """The conditioning of one session. Copies share no mutable state."""
 
     _grid: GridState | None
     _state: _State
@@ -159,13 +161,13 @@ class Conditioner:
     def delay_s(self) -> float:
         """The delay [s] of an observation after its time: half a grid cell and half a filter window.
 
-        The tare holds the first ones back until its window is complete, where there is a wrench.
+        With a wrench the first observations are also delayed until the tare's window is complete.
         """
         return 0.5 / self.parameters.grid_hz + self._filter.delay_s
 
     @property
     def tare(self) -> tuple[float, float, float] | None:
-        """Bias that is taken off the force [N], base frame; None where or while nothing is."""
+        """The bias that is subtracted from the force [N], base frame; None without or before a tare."""
         return None if self._state.tare.tare is None else self._state.tare.tare.bias
 
     @property
@@ -192,15 +194,15 @@ class Conditioner:
 
     @property
     def t_last(self) -> float:
-        """[s] The last sample; −inf before the first."""
+        """Time of the last sample [s]; −inf before the first."""
         return -math.inf if self._grid is None else self._grid.latest
 
     @property
     def due_s(self) -> float:
-        """[s] The first sample from then on completes an observation.
+        """Time [s] from which the first sample completes an observation.
 
-        Pushes of earlier samples, MOST_TOGETHER at most, may be joined with the next one: it has the same
-        results. −inf where each push has to come by itself. Any thread may read it.
+        Pushes of earlier samples, MOST_TOGETHER at most, may be joined with the next push, with the same
+        results. −inf if they must be pushed separately. Any thread may read it.
         """
         grid = self._grid
         if grid is None or self._broken or self._finished or grid.known > MOST_TOGETHER:
@@ -209,14 +211,14 @@ class Conditioner:
 
     @property
     def observations(self) -> int:
-        """Observations handed out so far."""
+        """The number of observations returned so far."""
         return self._state.rows - len(self._state.waiting)
 
     def push(self, samples: Array) -> ConditioningOutput:
-        """Take the next samples, (n, columns) as the layout names them, time first.
+        """Process the next samples, (n, columns) in the order of the layout, time first.
 
-        Raises ValueError for samples that cannot be right and RuntimeError after `finish`; either way nothing
-        has changed.
+        Raises ValueError for impossible samples and RuntimeError after `finish`; in both cases nothing has
+        changed.
         """
         if self._finished:
             raise RuntimeError("push after finish: this conditioner's demonstration is over")
@@ -240,14 +242,15 @@ class Conditioner:
         return ConditioningOutput(ready, resampled.gaps, events, len(samples), resampled.repeats)
 
     def declare_gap(self) -> None:
-        """Say that samples between the last push and the next are lost, however short the time between.
+        """Declare that samples between the last push and the next are lost, even if the time between is
+        short.
 
         The gap is reported with the sample that ends it.
         """
         self._broken = self._grid is not None
 
     def finish(self) -> ConditioningOutput:
-        """End the demonstration: hand out what waited. Calling it again changes nothing."""
+        """End the demonstration: return the remaining observations. Calling it again changes nothing."""
         if self._finished or self._grid is None:
             self._finished = True
             return ConditioningOutput()
@@ -260,7 +263,7 @@ class Conditioner:
         return ConditioningOutput(ready, gripper_events=events)
 
     def reset(self) -> None:
-        """Forget every sample: the same pushes give the same results again."""
+        """Discard the state: the same pushes then give the same results again."""
         bare = Tare(None, "Not tared: there is no wrench.")
         tare = TareState() if self._has_wrench else TareState(bare)
         self._grid, self._state = None, _State(tare=tare)
@@ -268,7 +271,7 @@ class Conditioner:
         self._samples = self._repeats = 0
 
     def _take(self, state: _State, anchor: float, block: Block) -> tuple[_State, tuple[GripperEvent, ...]]:
-        """Take the grid rows of one stretch."""
+        """Process the grid rows of one stretch without a gap."""
         if block.restarts:
             state = self._restarted(state)
         if len(block.rows) == 0:
@@ -296,7 +299,7 @@ class Conditioner:
         return state._replace(tail=None, after_gap=True, tare=tare, gripper=gripper)
 
     def _tare(self, state: TareState, first: int, recent: Array) -> TareState:
-        """Filter the rows first, first + 1, … as far as the tare looks at them."""
+        """Pass the rows first, first + 1, … to the tare, as far as it uses them."""
         half, columns = self._filter.half, self._columns
         centres = range(half, min(len(recent) - half, self._taring.last_row + 1 - first))
         fits = [self._fit(recent, i) for i in centres]
@@ -308,13 +311,15 @@ class Conditioner:
         return self._taring.advance(state, first + half, forces, speeds, torques)
 
     def _fit(self, rows: Array, centre: int) -> tuple[Array, Array, float]:
-        """The filtered flange row in the middle of a window, the flange's velocity, and its speed [m/s]."""
+        """Return the filtered flange row in the middle of a window, the flange's velocity, and its speed
+        [m/s].
+        """
         both = np.empty((2, rows.shape[1]))
         speed = self._arithmetic.fit(rows, centre, self._filter.taps, self._columns.moving, both)
         return both[0], both[1, self._columns.position], speed
 
     def _filtered(self, state: _State, anchor: float, first: int, recent: Array) -> list[FilteredRow]:
-        """Filter the rows first, first + 1, … where they are on the segmentation grid."""
+        """Return those of the rows first, first + 1, … that are on the segmentation grid, filtered."""
         half, every = self._filter.half, self._every
         filtered: list[FilteredRow] = []
         for i in range(half + -(first + half) % every, len(recent) - half, every):
@@ -327,7 +332,7 @@ class Conditioner:
         return filtered
 
     def _measured(self, row: Array) -> float | None:
-        """Length of the force of a flange row [N]; None without a wrench."""
+        """Return the size of a flange row's force [N]; None without a wrench."""
         return math.hypot(*row[self._columns.force].tolist()) if self._has_wrench else None
 
     def _speeds(self, rows: Array, first: int, last: int) -> Array:
@@ -338,7 +343,7 @@ class Conditioner:
         return speeds
 
     def _released(self, state: _State, grid: GridState | None) -> tuple[_State, tuple[Observation, ...]]:
-        """Hand out the waiting rows as observations once the tare is known."""
+        """Return the waiting rows as observations once the tare is known."""
         tares, tare = state.tare, state.tare.tare
         if tare is None or grid is None or not state.waiting:
             return state, ()

@@ -1,9 +1,9 @@
-"""Causal Savitzky–Golay filter: a polynomial through the last rows, read off at their centre.
+"""Causal Savitzky–Golay filter: a polynomial fitted to the last rows, evaluated at their centre.
 
-Reading it off at the centre keeps the phase linear and costs a delay of half a window, which is declared.
-Each filtered row is stamped with the time that it describes, so boundaries are late but not shifted.
-Taps are added up one by one in a fixed order: a filtered row has the same bits in every batch.
-Savitzky & Golay 1964; the taps are those of `scipy.signal.savgol_coeffs`, which takes a second to load.
+Evaluation at the centre keeps the phase linear and causes a delay of half a window, which is stated. Each
+filtered row has the time that it describes, so boundaries are late but not shifted. Taps are summed in a
+fixed order, so a filtered row has the same bits in every batch. Savitzky & Golay 1964; the taps are those of
+`scipy.signal.savgol_coeffs`, which takes a second to load.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 class SavitzkyGolay:
     """A filter of `window` rows (odd) at rate_hz, exact for polynomials up to `order`.
 
-    Raises ValueError for a window or an order that makes no filter.
+    Raises ValueError for an invalid window or order.
     """
 
     window: int
@@ -37,7 +37,7 @@ class SavitzkyGolay:
 
     @property
     def half(self) -> int:
-        """Rows on either side of the centre."""
+        """The number of rows on either side of the centre."""
         return self.window // 2
 
     @property
@@ -46,7 +46,7 @@ class SavitzkyGolay:
         return self.half / self.rate_hz
 
     def tail(self, rows: Array) -> Array:
-        """Keep the rows that the next ones still need, at most window - 1."""
+        """Return the last rows that later ones still need, at most window - 1."""
         return rows[max(0, len(rows) - (self.window - 1)) :].copy()
 
     @cached_property

@@ -1,7 +1,7 @@
 """Flange pose and force in the base frame, from grid rows.
 
-The robot's functions are called here and nowhere else: on grid rows, so at grid_hz and not at the rate of
-the samples, many rows at a time.
+Only this module calls the robot's kinematics: on grid rows, so at grid_hz and not at the rate of the samples,
+for many rows at a time.
 """
 
 from __future__ import annotations
@@ -69,9 +69,9 @@ def flange_rows(
     before: Array | None = None,
     arithmetic: Backend = REFERENCE,
 ) -> Array:
-    """Flange rows (m, columns) that came before, and after them those of n >= 1 grid rows: (m + n, columns).
+    """Return earlier flange rows (m, columns), followed by those of n >= 1 grid rows: (m + n, columns).
 
-    rows: (n, c) as `SampleLayout.slices` says. What the gripper does is left open.
+    rows: (n, c) in the order of `SampleLayout.slices`. The columns of the gripper are left nan.
     """
     before = np.empty((0, columns.total)) if before is None else before
     flange = np.empty((len(before) + len(rows), columns.total))
@@ -82,7 +82,9 @@ def flange_rows(
 
 
 def _fill(layout: SampleLayout, rows: Array, fresh: Array) -> None:
-    """Fill in what no column of the grid rows says: what follows from the joints, and no force as 0."""
+    """Fill in the values that no column of the grid rows has: those computed from the joints, and 0 for no
+    force.
+    """
     at = layout.slices
     if layout.pose_of_joints is not None and "q" in at and not ("pos" in at and "quat" in at):
         position, orientation = layout.pose_of_joints(rows[:, at["q"]])

@@ -36,7 +36,7 @@ LEAP_LIMIT_S = 3600.0  # a longer silence is a clock that was set, or a time in 
 
 
 class Block(NamedTuple):
-    """Consecutive grid rows of one stretch: row i has the grid index first + i."""
+    """Consecutive grid rows of one stretch without a gap: row i has the grid index first + i."""
 
     first: int
     rows: Array  # (n, c), n may be 0
@@ -94,11 +94,11 @@ class Resampler:
     def advance(
         self, state: GridState | None, samples: Array, *, broken: bool = False
     ) -> tuple[GridState | None, Resampled]:
-        """Take samples (n, 1 + c), time first [s]. The state is None before the first one.
+        """Process samples (n, 1 + c), time first [s]. The state is None before the first one.
 
-        Keeps the matrix: the caller must not write to it. broken: samples before these were lost for good.
-        Raises ValueError over MAX_WAITING_SAMPLES, and for a clock that goes back by more than a gap or leaps
-        by more than LEAP_LIMIT_S.
+        Keeps the matrix: the caller must not write to it. broken: whether samples before these are lost.
+        Raises ValueError over MAX_WAITING_SAMPLES, and for a clock that goes back by more than a gap or jumps
+        ahead by more than LEAP_LIMIT_S.
         """
         steady = self.arithmetic.is_steady
         if state is not None and not broken and steady(samples, state.latest, self.gap_limit_s):
@@ -111,7 +111,7 @@ class Resampler:
         return self._sorted_out(state, samples, broken=broken)
 
     def flush(self, state: GridState) -> tuple[GridState, Block]:
-        """Hand out the rows that are complete but wait for others."""
+        """Return the rows that are complete and held for others."""
         samples = self._joined(state.waiting)
         posed = self._interpolated_holds(samples, state.posed)
         next_row = max(state.next_row, self._row_open_at(state.anchor, state.latest))
@@ -122,7 +122,7 @@ class Resampler:
     def _sorted_out(
         self, state: GridState | None, samples: Array, *, broken: bool
     ) -> tuple[GridState | None, Resampled]:
-        """Take samples of which some may be repeated, or lie beyond a gap."""
+        """Process samples of which some may be repeated, or follow a gap."""
         latest = -math.inf if state is None else state.latest
         self._check_clock(samples[:, 0], None if state is None else latest)
         fresh = samples[_advancing(samples[:, 0], latest)]
@@ -150,7 +150,7 @@ class Resampler:
         return state, Resampled(tuple(blocks), gaps, repeats)
 
     def _check_clock(self, times: Array, latest: float | None) -> None:
-        """Raise ValueError for a clock that was set: times before and after that cannot be put in order."""
+        """Raise ValueError for a clock that was set: its times cannot be ordered."""
         known = times[:1] if latest is None else np.array([latest])
         highest = np.maximum.accumulate(np.concatenate([known, times]))[:-1]
         for steps, limit, verb in (
@@ -175,7 +175,7 @@ class Resampler:
     def _extended(
         self, anchor: float, first: int, samples: Array, posed: float, *, restarts: bool
     ) -> tuple[GridState, Block]:
-        """Turn the cells from `first` on that samples without a hole complete into rows."""
+        """Make rows of the cells from `first` on that samples without a gap complete."""
         latest = float(samples[-1, 0])
         self._check_waiting(samples, anchor, max(first, self._row_open_at(anchor, latest)))
         posed = self._interpolated_holds(samples, posed)
@@ -234,7 +234,7 @@ class Resampler:
         return row
 
     def _row_open_at(self, anchor: float, t: float) -> int:
-        """Find the row whose cell t lies in and has not completed."""
+        """Return the row whose cell contains t and is not complete."""
         row = self._row_from(anchor, t)
         return row if self._edge(anchor, row) == t else row - 1
 

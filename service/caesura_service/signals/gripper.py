@@ -69,7 +69,7 @@ class GripperParameters:
 
 @dataclass(frozen=True)
 class GripperEvent:
-    """Something that the fingers did at t [s]; width: where they settled [m], None from a flag."""
+    """An action of the fingers at t [s]; width: where they came to rest [m], None from a flag."""
 
     t: float
     kind: EventKind
@@ -84,7 +84,7 @@ class GripperRows(NamedTuple):
 
 
 class GripperState(NamedTuple):
-    """The last rest of the fingers, and the rows that the next verdict still needs."""
+    """The last rest of the fingers, and the rows that the next decision needs."""
 
     signal: Signal = "undecided"
     tail: Array = np.empty(0)  # (m,) [m], shorter than the window
@@ -98,7 +98,8 @@ class GripperState(NamedTuple):
 
 @dataclass(frozen=True)
 class GripperTracker:
-    """Immutable parameters of the machine; `advance` maps a state and rows to the next state and events.
+    """Immutable parameters of the state machine; `advance` maps a state and rows to the next state and
+    events.
 
     Times are anchor + row / grid_hz [s], as everywhere on the grid.
     """
@@ -109,13 +110,13 @@ class GripperTracker:
 
     @cached_property
     def window(self) -> int:
-        """Rows over which fingers are judged still."""
+        """The number of rows over which fingers are judged still."""
         return max(2, round(self.parameters.still_window_s * self.grid_hz))
 
     def advance(
         self, state: GripperState, anchor: float, first: int, rows: Array
     ) -> tuple[GripperState, GripperRows]:
-        """Take the grid rows first, first + 1, … (n, c), the gripper last."""
+        """Process the grid rows first, first + 1, … (n, c), the gripper in the last column."""
         if state.signal != "undecided":
             return self._follow(state, anchor, first, rows)
         n = _leading_zeros(rows[:, -1])
@@ -139,7 +140,9 @@ class GripperTracker:
         return self._event(state, "open", anchor, state.last_row, state.latest)
 
     def _decided(self, state: GripperState, *, is_flag: bool) -> GripperState:
-        """Return the state once the signal is known: zeros so far were widths [m], or an open flag."""
+        """Return the state once the type of signal is known: earlier zeros were widths [m], or an open
+        flag.
+        """
         if not is_flag:
             return state._replace(signal="opening")
         opened = self.parameters.opening_max_m
@@ -191,7 +194,9 @@ class GripperTracker:
         return [(i, bool(verdicts[i + 1])) for i in changed]
 
     def _closed_below(self, state: GripperState) -> float:
-        """Return the opening [m] up to which fingers count as closed, on an object or not; nan if unknown."""
+        """Return the opening [m] up to which fingers count as closed, with or without an object; nan if
+        unknown.
+        """
         if state.posture is None or state.signal == "undecided":
             return math.nan
         return -math.inf if state.posture == "open" else state.level + self.parameters.travel_m

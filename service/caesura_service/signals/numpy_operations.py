@@ -1,6 +1,6 @@
-"""The arithmetic of conditioning, in NumPy: the reference of `kernels`, and what stands in for them.
+"""The arithmetic of conditioning, in NumPy: the reference of `kernels`, and their replacement without numba.
 
-Each function fills its last argument. Results for a row do not depend on which rows are beside it.
+Each function writes into its last argument. Results for a row do not depend on the other rows of a call.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ ALIKE_M_PER_S = 1e-9  # speeds that are closer differ by rounding alone
 
 
 def take(samples: Array, plan: Array, quaternion: int, tolerance: float, taken: Array) -> bool:
-    """Pick and scale columns of samples (n, columns) into (n, taken); whether all is as it has to be.
+    """Copy and scale columns of samples (n, columns) into (n, taken); return whether all values are valid.
 
-    plan: (3, columns) what no size may be above, nor be nan; which column it becomes, -1 for none; its scale.
-    quaternion: the column where one begins among those taken, -1 without; its length is 1 ± tolerance.
+    plan: (3, columns) the limit of a column's absolute value, its target column, -1 for none, and its scale.
+    quaternion: the first target column of a quaternion, -1 without one; its length must be 1 ± tolerance.
     """
     limits, places, scales = plan
     if np.count_nonzero(np.abs(samples) <= limits) < samples.size:
@@ -42,7 +42,7 @@ def take(samples: Array, plan: Array, quaternion: int, tolerance: float, taken: 
 
 
 def is_steady(samples: Array, latest: float, gap_limit_s: float) -> bool:
-    """Whether every sample is later than the one before, and all are too close for a gap."""
+    """Return whether every sample is later than the one before, and none is later by a gap."""
     times = samples[:, 0]
     if not times.size or not (times[0] > latest and times[-1] - latest <= gap_limit_s):
         return False
@@ -50,17 +50,17 @@ def is_steady(samples: Array, latest: float, gap_limit_s: float) -> bool:
 
 
 def make_sign_continuous(samples: Array, at: int) -> None:
-    """Put each quaternion, in the columns from `at` on, on the side of the one before it."""
+    """Negate quaternions, in the columns from `at` on, so that successive ones have dot products >= 0."""
     rotation.make_sign_continuous(samples[:, at : at + 4])
 
 
 def interpolate_holds(samples: Array, pose: int, beside: int, posed: float, hold_limit_s: float) -> float:
     """Interpolate poses of samples (m, 1 + c) that repeat the one before, between those that are new.
 
-    pose: how many columns after the time are the pose. beside: how many after these are interpolated with it
-    where they repeat as well. posed: time [s] of the last sample known to have a new pose; earlier samples
-    stay as they are. A pose that is held for longer than hold_limit_s [s] stays too.
-    Returns the time of the last sample that has a new pose.
+    pose: number of columns after the time that are the pose; beside: number of columns after these that are
+    interpolated with it if they repeat as well; posed: time [s] of the last sample known to have a new pose;
+    earlier samples are unchanged. A pose that is held for longer than hold_limit_s [s] is unchanged too.
+    Returns the time of the last sample with a new pose.
     """
     times, poses, along = samples[:, 0], samples[:, 1 : 1 + pose], samples[:, 1 + pose : 1 + pose + beside]
     first = int(times.searchsorted(posed))
@@ -74,16 +74,17 @@ def interpolate_holds(samples: Array, pose: int, beside: int, posed: float, hold
 
 
 def _bridge(times: Array, values: Array, last: int, new: int) -> None:
-    """Put the values (m, c) between two samples on a line."""
+    """Interpolate the values (m, c) between two samples linearly."""
     held = slice(last + 1, new)
     share = (times[held] - times[last]) / (times[new] - times[last])
     values[held] += share[:, None] * (values[new] - values[last])
 
 
 def resample(samples: Array, anchor: float, grid_hz: float, first: int, held: int, rows: Array) -> None:
-    """Grid rows first, first + 1, … of samples (m, 1 + c), which span their cells.
+    """Compute the grid rows first, first + 1, … of samples (m, 1 + c), which span their cells.
 
-    held: how many of the last columns are held. rows: (n + 1, c), the last one is left as anything.
+    held: number of the last columns that are held. rows: (n + 1, c); the content of the last one is
+    undefined.
     """
     numbers = np.arange(first, first + len(rows), dtype=np.float64)
     rows[:-1] = cell_means(anchor + (numbers - 0.5) / grid_hz, samples)
@@ -94,10 +95,11 @@ def resample(samples: Array, anchor: float, grid_hz: float, first: int, held: in
 def flange_rows(
     rows: Array, before: Array, sources: Places, oriented: bool, turned: bool, flange: Array
 ) -> None:
-    """Flange rows (m, columns) that came before, and after them those of grid rows (n, c); (m + n, columns).
+    """Compute flange rows (m + n, columns): earlier ones (m, columns), followed by those of grid rows (n, c).
 
-    sources: (columns,) which column of the grid row; FILLED stands there already, LEFT_OPEN becomes nan.
-    oriented: there are quaternions, brought to unit length and one side. turned: forces are, by them.
+    sources: (columns,) the source column of the grid row; FILLED: the value is already there; LEFT_OPEN: nan.
+    oriented: whether there are quaternions, which are scaled to unit length and made sign-continuous. turned:
+    whether forces are rotated by them.
     """
     flange[: len(before)] = before
     fresh = flange[len(before) :]
@@ -120,11 +122,12 @@ def openings(
     recent: Array,
     grips: Array,
 ) -> float:
-    """Openings (m,) [m] that came before, and after them those of grid rows (n, c); (m + n,).
+    """Compute openings (m + n,) [m]: earlier ones (m,), followed by those of grid rows (n, c), from their
+    last column.
 
-    The gripper's is the last column. opened: what a flag of 0 stands for, 0 where it is no flag. grips:
-    (n, 2) width, nan unless measured; whether it is at most closed_below, nan where that is. Returns how
-    far all these openings are apart.
+    opened: the opening that a flag of 0 stands for, 0 without a flag. grips: (n, 2) width, nan unless
+    measured, and whether it is at most closed_below, nan if that is nan. Returns the range of all these
+    openings [m].
     """
     values = rows[:, -1]
     recent[: len(before)] = before
@@ -136,10 +139,10 @@ def openings(
 
 
 def fit(rows: Array, centre: int, taps: Array, moving: int, both: Array) -> float:
-    """Value and slope, (2, columns), of the polynomials through rows (n, columns) about a centre.
+    """Compute value and slope, (2, columns), of the polynomials through rows (n, columns) at their centre.
 
-    taps: (2, window) weights of the rows. Columns from `moving` on are as they are at the centre. Returns the
-    flange's speed [m/s].
+    taps: (2, window) weights of the rows. Columns from `moving` on are copied from the centre row. Returns
+    the flange's speed [m/s].
     """
     first, window = centre - taps.shape[1] // 2, taps.shape[1]
     both[0], both[1] = rows[centre], 0.0
@@ -148,10 +151,11 @@ def fit(rows: Array, centre: int, taps: Array, moving: int, both: Array) -> floa
 
 
 def speeds_of(rows: Array, first: int, slopes: Array, lever: float, speeds: Array) -> None:
-    """Speeds (n,) [m/s] at rows first, first + 1, …: the flange's, or by what it turns at a lever if more.
+    """Compute speeds (n,) [m/s] at rows first, first + 1, …: the flange's, or that of a lever by its rotation
+    if greater.
 
-    slopes: (window,) weights of the rows about each in the slope of a polynomial. lever [m]; 0 where there is
-    no quaternion. A unit quaternion changes by half the rotation.
+    slopes: (window,) weights of the rows in the slope of a polynomial. lever: length [m]; 0 without a
+    quaternion. A unit quaternion changes by half the rotation.
     """
     window = len(slopes)
     for k in range(len(speeds)):
@@ -163,11 +167,11 @@ def speeds_of(rows: Array, first: int, slopes: Array, lever: float, speeds: Arra
 
 
 def boundary_row(speeds: Array, first: int, last: int, creep: float, rest: float) -> int:
-    """The row, of rows first to last of speeds (n,) [m/s], at which a boundary lies.
+    """Return the row, of rows first to last of speeds (n,) [m/s], at which a boundary lies.
 
-    The one nearest to where the speed leaves `rest` for the last time, or comes down to it for the first.
-    Without either it is the slowest row of a movement, or the fastest of a rest: the first of several alike.
-    Of a rest that is never faster than `creep` it is the middle one. creep, rest [m/s].
+    It is the row nearest to where the speed rises above `rest` for the last time, or falls to it for the
+    first. Without either it is the slowest row of a movement, or the fastest of a rest, the first of equal
+    ones. In a rest that is never faster than `creep` it is the middle one. creep, rest: [m/s].
     """
     seen = speeds[first : last + 1]
     moving = seen >= rest
@@ -181,7 +185,7 @@ def boundary_row(speeds: Array, first: int, last: int, creep: float, rest: float
 
 
 def finish(x: float, y: float, z: float, oriented: bool, row: Array) -> None:
-    """Take a bias off the force of a flange row (columns,), and bring its quaternion to unit length."""
+    """Subtract a bias from the force of a flange row (columns,), and scale its quaternion to unit length."""
     row[FORCE : FORCE + 3] -= (x, y, z)
     if oriented:
         row[TURN : TURN + 4] /= length(row[TURN : TURN + 4])

@@ -88,7 +88,7 @@ def observation_of(
     bias_n: float | None,
     boundary_before: float | None,
 ) -> Observation:
-    """Put the parts of a tared flange row (c,) under their names.
+    """Make an observation of a tared flange row (c,).
 
     force: (3,) [N] less its tracked bias, of scale bias_n [N]; None where none is tracked. boundary_before
     [s]: see `boundary_place`.

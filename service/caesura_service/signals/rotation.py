@@ -1,5 +1,7 @@
-"""Vectors and quaternions (x y z w) row by row: a row's bits never depend on its neighbours in memory, so
-results do not depend on how the rows were cut into batches.
+"""Operations on rows of vectors and quaternions (x y z w).
+
+A row's result does not depend, to the last bit, on its neighbours in memory. So results do not depend on the
+division of rows into batches.
 """
 
 from __future__ import annotations
@@ -13,40 +15,40 @@ Array = NDArray[np.float64]
 
 
 def normalised(quaternions: Array) -> Array:
-    """Quaternions (n, 4) at unit length."""
+    """Return quaternions (n, 4) scaled to unit length."""
     return quaternions / lengths(quaternions)[:, None]
 
 
 def length(vector: Array) -> float:
-    """Length of a vector (c,)."""
+    """Return the length of a vector (c,)."""
     return math.sqrt(vector @ vector)
 
 
 def lengths(vectors: Array) -> Array:
-    """Length (n,) of each row (n, c)."""
+    """Return the length (n,) of each row (n, c)."""
     norms: Array = np.sqrt(np.vecdot(vectors, vectors))
     return norms
 
 
 def make_sign_continuous(quaternions: Array) -> None:
-    """Put each row (n, 4) but the first on the side of the row before it; q and -q are the same rotation."""
+    """Negate rows (n, 4) so that successive ones have dot products >= 0; q and -q are the same rotation."""
     turned = np.vecdot(quaternions[1:], quaternions[:-1]) < 0.0
     if np.count_nonzero(turned):
         quaternions[1:] *= np.where(turned, -1.0, 1.0).cumprod()[:, None]
 
 
 def rotated(quaternions: Array, vectors: Array) -> Array:
-    """Vectors (n, 3) turned by unit quaternions (n, 4): v + 2w (u × v) + 2u × (u × v)."""
+    """Return vectors (n, 3) rotated by unit quaternions (n, 4): v + 2w (u × v) + 2u × (u × v)."""
     axis, w = quaternions[:, :3], quaternions[:, 3:]
     turned = 2.0 * _cross(axis, vectors)
     return vectors + w * turned + _cross(axis, turned)
 
 
 def rotation_between(before: Array, after: Array) -> Array:
-    """Rotation vector (3,) [rad] in the base frame from one orientation to another, at most a half turn.
+    """Return the rotation vector (3,) [rad] from one orientation to another, base frame, at most a half turn.
 
     Unit quaternions (4,) x y z w, frame to base. The logarithm of after · before⁻¹ (Solà 2017, section 2.4);
-    it does not depend on how the frame is turned in the tool.
+    it does not depend on the frame's orientation in the tool.
     """
     ax, ay, az, aw = after.tolist()
     bx, by, bz, bw = before.tolist()

@@ -1,7 +1,7 @@
 """The meaning of the columns of a sample matrix, and the validation of every push.
 
-Only the columns that the conditioning uses are taken on, in the order of `SIGNALS`; positions are scaled
-to metres on the way. A sample that cannot be right is refused whole, with its value and what was expected.
+Only the columns that the conditioning uses are copied, in the order of `SIGNALS`, with positions converted to
+metres. A push with an impossible sample is refused, with the sample's value and the expected one.
 """
 
 from __future__ import annotations
@@ -55,14 +55,13 @@ class SampleLayout:
     """The columns of a session's samples and how to read them.
 
     columns: names as in `SIGNALS`, after a leading `t` [s]. wrench_source: one of `WRENCH_SOURCES`; None: not
-    stated. hand_on_robot: does a person guide this robot, "yes", "no" or "unknown"?
-    force_frame: "base" or "flange". metres_per_unit: of the position columns (1, 0.01, 0.001).
-    joints: how many the robot has. up: away from gravity, of length 1, base frame.
-    pose_of_joints: q (n, joints) [rad] → flange positions (n, 3) [m] and quaternions (n, 4) x y z w.
-    wrench_of_joint_torques: q, tau (n, joints) [Nm] → wrench on the flange (n, 6) [N, Nm].
-    Both answer in the base frame, for any number of rows; each row of the answer may depend on its own row
-    only.
-    Raises ValueError for columns or options that cannot be segmented.
+    stated. hand_on_robot: whether a person guides this robot: "yes", "no" or "unknown". force_frame: "base"
+    or "flange". metres_per_unit: of the position columns (1, 0.01, 0.001). joints: number of the robot's
+    joints. up: away from gravity, of length 1, base frame. pose_of_joints: q (n, joints) [rad] → flange
+    positions (n, 3) [m] and quaternions (n, 4) x y z w. wrench_of_joint_torques: q, tau (n, joints) [Nm] →
+    wrench on the flange (n, 6) [N, Nm]. Both return values in the base frame, for any number of rows; each
+    row of the result may depend only on its own row. Raises ValueError for columns or options that cannot be
+    segmented.
     """
 
     columns: tuple[str, ...]
@@ -131,13 +130,13 @@ class SampleLayout:
 
     @property
     def pose_width(self) -> int:
-        """Return how many of the first values are the pose: position and quaternion, or joints."""
+        """The number of first values that are the pose: position and quaternion, or joints."""
         signals = ("pos", "quat") if "pos" in self.slices else ("q",)
         return int(max(self.slices[signal].stop for signal in signals if signal in self.slices))
 
     @property
     def joints_beside_pose(self) -> int:
-        """Return how many of the values after the pose are joints that are read with it."""
+        """The number of values after the pose that are joints, read together with it."""
         return self.joints if "pos" in self.slices and "q" in self.slices else 0
 
     def read(self, samples: Array) -> tuple[Array, Array]:
@@ -196,7 +195,9 @@ class SampleLayout:
         return tuple(signal for signal in SIGNALS if self.has(signal) and signal not in unused)
 
     def _refuse(self, samples: Array) -> NoReturn:
-        """Raise ValueError for the first value that is not finite, else over its limit, else no rotation."""
+        """Raise ValueError for the first value that is not finite, else over its limit, else for an
+        invalid quaternion.
+        """
         finite = np.isfinite(samples)
         beyond = ~finite if not finite.all() else np.abs(samples) > self._limits
         if not beyond.any():

@@ -1,18 +1,18 @@
-"""Tare: the bias of the force, taken at the start of a demonstration and only where nothing else is in it.
+"""Tare: estimates the bias of the force at the start of a demonstration, from a window without a contact.
 
-That is at rest, or in free motion too where the sensor lies below the hand: it feels neither, and a force
-that scatters gives a touch away.
+The window must be at rest. With a sensor below the hand it may also be in free motion: the sensor measures no
+hand, and a touch shows as scatter of the force.
 
-Once the demonstration runs, rest in free space and rest in contact look alike in the force, so a later tare
-would take a contact off as bias. For the same reason whatever presses on the robot throughout the tare
-window is taken for bias: a demonstration begins free. One that begins in motion, with more force than a bias
-and a weight explain, was cut from a longer one and begins in contact: it has no tare. One that begins at rest
-with so much has a tare until a fast free movement shows that it was a contact. A fast movement that the tare
-leaves without a force shows that it is bias, and it stays: a load that opposes a bias looks like free space.
+Later, rest in free space and rest in contact cannot be distinguished by the force, so a later tare could
+subtract a contact. For the same reason a constant press on the robot during the window counts as bias: a
+demonstration must begin free. One that begins in motion, with more force than a bias and a weight, was cut
+from a longer one and begins in contact: it has no tare. One that begins at rest with so much force has a tare
+until a fast free movement shows that it was a contact. If the tared force is small in a fast movement, the
+tare was a bias and stays: a load that opposes a bias looks like free space.
 
-The bias of the force is taken off in the base frame, where the weight of a tool is constant; what wanders
-with the pose afterwards is left to the segment models. The bias of the torque is taken off in the flange's
-axes (`torque`).
+The bias of the force is subtracted in the base frame, where the weight of a tool is constant. Its later
+change with the pose is left to the segment models. The bias of the torque is subtracted in the flange's axes
+(`tared_torque`).
 """
 
 from __future__ import annotations
@@ -53,8 +53,9 @@ class RestCriterion:
 class Tare:
     """The bias that is subtracted from every force: (fx, fy, fz) [N] base frame; None: nothing is subtracted.
 
-    torque_bias: (3,) [Nm] likewise, axes as of `tared_torque.in_flange`; None without a tare or a torque.
-    doubt: why the force may have been a contact, "" where nothing speaks for one; up: away from gravity.
+    torque_bias: (3,) [Nm] that is subtracted from every torque, in the axes of `tared_torque.in_flange`; None
+    without a tare or a torque. doubt: why the force may have been a contact, "" without a reason; up: away
+    from gravity.
     """
 
     bias: Vector | None
@@ -81,9 +82,10 @@ class Tare:
 
 
 def baseline(forces: Array) -> tuple[Array, Array]:
-    """Mean force (3,) and standard deviation on each axis (3,) of forces (n, 3) [N], n >= 1.
+    """Return the mean force (3,) and the standard deviation on each axis (3,) of forces (n, 3) [N], n >= 1.
 
-    The difference of two baselines at rest, one before and one after a grasp, weighs what was grasped.
+    The difference of two baselines at rest, one before and one after a grasp, is the weight of the grasped
+    object.
     """
     if len(forces) == 0:
         raise ValueError("no force to take a baseline from, expected at least one row")
@@ -91,9 +93,9 @@ def baseline(forces: Array) -> tuple[Array, Array]:
 
 
 def greatest_scatter(forces: Array) -> float:
-    """Standard deviation [N] of forces (n, 3), n >= 1, in the direction in which it is greatest.
+    """Return the standard deviation [N] of forces (n, 3), n >= 1, in the direction in which it is greatest.
 
-    So the axes of the base, and with them its mounting, decide nothing.
+    So the result does not depend on the axes of the base, nor on its mounting.
     """
     aside = forces - forces.mean(axis=0)
     variance = float(np.linalg.eigvalsh(aside.T @ aside / len(forces))[-1])
@@ -107,7 +109,7 @@ def tare_of(
     torques: Array | None = None,
     up: Vector = UP,
 ) -> Tare:
-    """Tare from a window at the start: its mean force and torque if it is at rest, else nothing.
+    """Return the tare of a window at the start: its mean force and torque if it is at rest, else none.
 
     forces: (n, 3) [N] base frame; speeds: (n,) [m/s]; torques: (n, 3) [Nm], or none with n = 0; up: away from
     gravity, of length 1, base frame.
@@ -133,7 +135,7 @@ def tare_of(
 
 
 def _doubt(mean: Array) -> str:
-    """Return the reason why a force (3,) [N] that is taken for bias may be a contact; "" without one."""
+    """Return the reason why a force (3,) [N] that counts as bias may be a contact; "" without one."""
     size = math.hypot(*mean.tolist())
     if not _is_press(size):
         return ""
@@ -168,8 +170,8 @@ def _rounded(vector: Array) -> str:
 class TareState(NamedTuple):
     """The window so far. Once the tare is known, the window is not needed any more.
 
-    Where it may be a contact, observations in a row up to now that are free space: `free` without this tare,
-    and `biased` with it.
+    If it may be a contact, `free` and `biased` count the latest successive observations that are free space
+    without and with this tare.
     """
 
     tare: Tare | None = None
@@ -203,7 +205,7 @@ class TareState(NamedTuple):
 
 @dataclass(frozen=True)
 class TareEstimator:
-    """Collects the filtered grid rows up to last_row, then decides once and for all."""
+    """Collects the filtered grid rows up to last_row, and then decides on the tare once."""
 
     last_row: int
     criterion: RestCriterion
@@ -212,7 +214,9 @@ class TareEstimator:
     def advance(
         self, state: TareState, first: int, forces: Array, speeds: Array, torques: Array | None = None
     ) -> TareState:
-        """Take rows first, first + 1, …: forces (n, 3) [N] base frame, speeds (n,) [m/s], torques (n, 3)."""
+        """Process rows first, first + 1, …: forces (n, 3) [N] base frame, speeds (n,) [m/s], torques (n,
+        3).
+        """
         if state.tare is not None:
             return state
         n = max(0, self.last_row + 1 - first)
@@ -225,5 +229,5 @@ class TareEstimator:
         return TareState(tare_of(forces, speeds, self.criterion, torques, self.up))
 
     def interrupted(self, state: TareState, why: str) -> TareState:
-        """Give up on a window that will not become complete: nothing is taken off."""
+        """End the estimation because its window will not be complete: nothing is subtracted."""
         return state if state.tare is not None else TareState(_untared(why))

@@ -1,4 +1,4 @@
-"""The torque of a wrench: its bias taken off, in base axes.
+"""The torque of a wrench less its bias, in base axes.
 
 A sensor's own bias is constant in the flange's axes. So is the moment of a tool's weight while the tool turns
 about the vertical. So the tare of the torque is kept in the flange's axes where the orientation is known, and
@@ -41,14 +41,16 @@ def tared_torque(row: Array, columns: FlangeColumns, bias: Vector) -> Array:
 def about(point: Array, positions: Array, forces: Array, torques: Array) -> Array:
     """Torques (n, 3) [Nm] about a point (3,) [m] of wrenches that are given about other points.
 
-    positions: (n, 3) [m] those points; forces: (n, 3) [N]; torques: (n, 3) [Nm] about them. r × F of the
-    lever from the point is taken out: M_c = M_p + (p − c) × F.
+    positions: (n, 3) [m] those points; forces: (n, 3) [N]; torques: (n, 3) [Nm] about them. M_c = M_p + (p −
+    c) × F.
     """
     return np.asarray(torques + np.cross(positions - point, forces))
 
 
 def _rotated(quaternion: tuple[float, float, float, float], vector: Vector) -> Vector:
-    """Turn a vector by a quaternion x y z w of any length: v + 2w (u × v) + 2u × (u × v), over its square."""
+    """Rotate a vector by a quaternion x y z w of any length: v + 2w (u × v) + 2u × (u × v), over its
+    square.
+    """
     x, y, z, w = quaternion
     u, v, s = vector
     scale = 2.0 / (x * x + y * y + z * z + w * w)

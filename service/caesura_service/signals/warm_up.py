@@ -9,7 +9,7 @@ from caesura_service.signals.sample_layout import SIGNALS, SampleLayout
 
 
 def prepare() -> None:
-    """Condition something small: what is not compiled by then is not needed."""
+    """Condition a small input, so that all needed kernels are compiled."""
     conditioner = Conditioner(SampleLayout(("t", *SIGNALS["pos"], *SIGNALS["quat"], "gripper"), "none"))
     samples = np.zeros((60, 9))
     samples[:, 0], samples[:, 7] = np.arange(60) / 100.0, 1.0

@@ -1,9 +1,9 @@
 """The models that a wrench supports, by the place of its measurement and by whether a hand is on the robot.
 
 A sensor below the guiding hand measures the environment alone. A sensor above it measures the hand as well.
-An estimate from joint torques holds the hand's force, where there is one, and the error of the robot's
-model. A session states its source and the hand; without a statement the conservative reading applies, and
-the note says "assumed".
+An estimate from joint torques contains the force of a hand, if there is one, and the error of the robot's
+model. A session states its source and the hand; without a statement the conservative source is assumed, and
+the note states "assumed".
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ class WrenchCapabilities:
     up: str = ""  # the stated direction away from gravity, in words; "" where the base's z axis is assumed
 
     def with_preset(self, name: str, *, contact: bool, load: bool) -> WrenchCapabilities:
-        """Return the capabilities without those of which the preset has no model.
+        """Return the capabilities without those for which the preset has no model.
 
-        contact, load: whether the preset has models of these.
+        contact, load: whether the preset has models of contact and load.
         """
         if not self.contact_models or (contact and load):
             return self
@@ -64,11 +64,11 @@ class WrenchCapabilities:
 
 @lru_cache
 def wrench_capabilities(source: str, hand_on_robot: str, *, stated: bool) -> WrenchCapabilities:
-    """Capabilities of a wrench from `source`, with or without a hand on the robot.
+    """Return the capabilities of a wrench from `source`, with or without a hand on the robot.
 
     source: one of WRENCH_SOURCES; hand_on_robot: one of HANDS_ON_ROBOT; stated: False where the source is an
-    assumption (`assumed_source`): contact and load are then off.
-    Raises ValueError for an unknown value, and where a stated source contradicts the statement of the hand.
+    assumption (`assumed_source`): contact and load are then off. Raises ValueError for an unknown value, and
+    where a stated source contradicts the statement of the hand.
     """
     _check(source, hand_on_robot, stated=stated)
     found = _OF_ESTIMATE[hand_on_robot] if source == "joint_torque_estimate" else _CAPABILITIES[source]
@@ -86,7 +86,7 @@ def wrench_capabilities(source: str, hand_on_robot: str, *, stated: bool) -> Wre
 
 
 def assumed_source(*, has_force: bool) -> str:
-    """Conservative source of a wrench that no statement describes: the guiding hand may be in the force."""
+    """Return the conservative source of a wrench without a statement: it may contain the guiding hand."""
     return "flange_sensor_with_hand" if has_force else "none"
 
 

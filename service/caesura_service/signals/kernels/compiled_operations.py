@@ -1,4 +1,4 @@
-"""The operations of `numpy_operations`, compiled: from samples to grid rows, to flange rows, and filtered."""
+"""The operations of `numpy_operations`, compiled: samples to grid rows, to flange rows, and their filter."""
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
@@ -45,13 +45,13 @@ def make_sign_continuous(samples, at):
 
 @compiled
 def norm(quaternion):
-    """Length."""
+    """Return the length of a quaternion."""
     return math.sqrt(quaternion[0] ** 2 + quaternion[1] ** 2 + quaternion[2] ** 2 + quaternion[3] ** 2)
 
 
 @compiled
 def follow_sign(before, quaternion):
-    """Put a quaternion on the side of the one before it."""
+    """Negate a quaternion if its dot product with the one before it is negative."""
     along = 0.0
     for c in range(4):
         along += before[c] * quaternion[c]
@@ -78,7 +78,7 @@ def interpolate_holds(samples, pose, beside, posed, hold_limit_s):
 
 @compiled
 def differs(sample, other, start, stop):
-    """Whether two samples have unlike values in some columns."""
+    """Return whether two samples differ in some of the columns from `start` to `stop`."""
     unlike = False
     for c in range(start, stop):
         unlike |= sample[c] != other[c]
@@ -87,7 +87,7 @@ def differs(sample, other, start, stop):
 
 @compiled
 def bridge(samples, last, new, width):
-    """Put the first values between two samples on a line."""
+    """Interpolate the first `width` values linearly between two samples."""
     for i in range(last + 1, new):
         share = (samples[i, 0] - samples[last, 0]) / (samples[new, 0] - samples[last, 0])
         for c in range(1, 1 + width):
@@ -133,7 +133,7 @@ def interpolate(samples, i, t, row):
 
 @compiled
 def average(samples, start, stop, left, right, row, following):
-    """Trapezium rule from the left edge, which `row` has, over samples to the right one: `following`."""
+    """Integrate by the trapezium rule from the left edge, whose values `row` has, to the right edge."""
     if start == stop:
         for c in range(row.size):
             row[c] = 0.5 * (row[c] + following[c])
@@ -174,7 +174,7 @@ def flange_rows(rows, before, sources, oriented, turned, flange):
 
 @compiled
 def normalise(row):
-    """Bring a flange row's quaternion to unit length."""
+    """Scale a flange row's quaternion to unit length."""
     length = norm(row[TURN:])
     for c in range(TURN, TURN + 4):
         row[c] /= length
@@ -182,7 +182,7 @@ def normalise(row):
 
 @compiled
 def rotate(row):
-    """Turn a flange row's force by its quaternion: v + 2w (u × v) + 2u × (u × v)."""
+    """Rotate a flange row's force by its quaternion: v + 2w (u × v) + 2u × (u × v)."""
     x, y, z, w = row[TURN], row[TURN + 1], row[TURN + 2], row[TURN + 3]
     u, v, s = row[FORCE], row[FORCE + 1], row[FORCE + 2]
     a, b, c = 2.0 * (y * s - z * v), 2.0 * (z * u - x * s), 2.0 * (x * v - y * u)
@@ -244,7 +244,7 @@ def speeds_of(rows, first, slopes, lever, speeds):
 
 @compiled
 def slope_at(rows, start, c, slopes):
-    """Slope of a column about the middle of a window that begins at `start`."""
+    """Return the slope of a column at the middle of a window that begins at `start`."""
     slope = 0.0
     for k in range(slopes.size):
         slope += slopes[k] * rows[start + k, c]

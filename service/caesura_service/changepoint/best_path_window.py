@@ -1,4 +1,4 @@
-"""The evidence of the last few seconds: smoothing looks back on it, and conditioning sums it again."""
+"""The evidence of the last few seconds, which smoothing and conditioning sum again."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ NOTHING = -1  # the group before the first segment
 
 @dataclass(frozen=True, slots=True)
 class PathSegment:
-    """A segment of the best segmentation up to some start: where it began, and what it was.
+    """A segment of the best segmentation up to some start: its start and the evidence of its kinds.
 
-    kind_log_evidence: (kinds,); group: of its kind, None where groups play no part; before: the group of the
+    kind_log_evidence: (kinds,); group: that of its kind, None without groups; before: the group of the
     segment that ends at its start.
     """
 
@@ -47,7 +47,7 @@ def outline_of(lattice: SegmentModelSet, path: Iterable[PathSegment]) -> list[tu
 
 
 class FinalPath(Sequence[PathSegment]):
-    """The segments that no later observation can undo, oldest first, as rows of numbers; only grows."""
+    """The segments that no later observation can change, oldest first, as rows of numbers; append-only."""
 
     def __init__(self, kinds: int) -> None:
         self._starts = array("q")
@@ -83,7 +83,8 @@ class FinalPath(Sequence[PathSegment]):
 
 
 class Links(NamedTuple):
-    """The segmentations before one start, joined with each group of a segment that begins there.
+    """The sums and maxima over the segmentations before one start, for each group of a segment that begins
+    there.
 
     prior, best: (groups,) A(start), and the same with maximum; before: (groups,) the group of the segment
     that the best segmentation has before it; total, ended: (groups,) log sum, and log maximum, over the
@@ -123,7 +124,7 @@ def link(total: Array, ended: Array, lattice: SegmentModelSet, *, free: bool, op
 
 
 def _weights(log_transition: Array, *, free: bool) -> Array:
-    """(groups, groups) log weight of a group after another at a start, 0 where that is free."""
+    """Return (groups, groups) log weight of a group after another at a start, 0 if the start is free."""
     return np.zeros_like(log_transition) if free else log_transition
 
 
@@ -142,17 +143,19 @@ class Window:
         self._links: list[Links] = [first_links(groups)] * size  # at [start mod size]
 
     def oldest(self, count: int) -> int:
-        """Return the first observation that is still in the window after `count` observations."""
+        """Return the first observation in the window after `count` observations."""
         return max(0, count - self.size)
 
     def links(self, start: int) -> Links:
-        """Return the links of a start that is still in the window."""
+        """Return the links of a start in the window."""
         return self._links[start % self.size]
 
     def remember(
         self, now: int, starts: Starts, log_evidence: Array, map_evidence: Array, kinds: Array, links: Links
     ) -> None:
-        """Keep the evidence (h, groups), twice, and (h, kinds) of what ends now, and a start's links."""
+        """Store the evidence (h, groups), twice, and (h, kinds) of segments that end now, and a start's
+        links.
+        """
         self._evidence[now % self.size] = self._map_evidence[now % self.size] = -np.inf
         self._links[now % self.size] = links
         recent = starts > now - self.size
@@ -162,9 +165,9 @@ class Window:
         self._kinds[starts % self.size, now - starts] = kinds[recent]
 
     def smoothed(self, count: int, log_transition: Array, log_total: float) -> Array:
-        """(size,) probability that a segment starts, at every observation still in the window.
+        """Return (size,) the probability that a segment starts, at every observation in the window.
 
-        log_transition: to the power of the model set. log_total: log evidence of everything.
+        log_transition: to the power of the model set. log_total: log evidence of all observations.
         """
         first = self.oldest(count)
         size = count - first
@@ -187,8 +190,8 @@ class Window:
     ) -> tuple[dict[Node, PathSegment], Links]:
         """Keep only the segmentations with a boundary at `start`, and sum again from there.
 
-        before: the group of the segment that ends at `start`, where it is certain from now on. Returns what
-        ends at each later start, and the next start's links.
+        before: the group of the segment that ends at `start`, if it is certain from now on. Returns the best
+        segments that end at each later start, and the next start's links.
         """
         for earlier in range(self.oldest(count), start):
             self._evidence[earlier % self.size, start - earlier :] = -np.inf
@@ -220,12 +223,12 @@ class Window:
 
 
 def _tables(hazard: Hazard, size: int) -> tuple[Array, Array]:
-    """(size, 1) log g(1…size) and (size,) log S(0…size − 1)."""
+    """Return (size, 1) log g(1…size) and (size,) log S(0…size − 1)."""
     ages = np.arange(size)
     return hazard.log_mass(ages + 1)[:, None], hazard.log_survival(ages)
 
 
 def _with_past(links: Links, before: int, log_transition: Array) -> Links:
-    """Return the links of a start at which a segment of the group `before` ends for certain."""
+    """Return the links of a start at which a segment of the group `before` certainly ends."""
     best: Array = links.ended[before] + _weights(log_transition, free=links.free)[before]
     return links._replace(best=best, before=np.full(best.size, before))

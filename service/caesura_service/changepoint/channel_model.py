@@ -1,9 +1,9 @@
-"""The contract that a segment's channel models meet, Caesura's and a third party's.
+"""The interface of a segment's channel models, of Caesura and of third parties.
 
-A hypothesis is a possible start of the current segment. A model keeps a few sums for each, its rows, and
-from them returns the log evidence of every hypothesis at once. Rows are a tuple of arrays whose first axis
-counts the hypotheses, oldest first; the filter may drop any with `select`. The work a step and
-hypothesis is constant, however long the segment has become.
+A hypothesis is a possible start of the current segment. A model keeps a few sums per hypothesis, its rows,
+and computes from them the log evidence of all hypotheses at once. Rows are a tuple of arrays whose first axis
+is the hypothesis, oldest first; the filter may drop any with `select`. The work per step and hypothesis does
+not depend on the segment's length.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ UNTURNED.setflags(write=False)
 
 
 class ModelInput(NamedTuple):
-    """The conditioned signals of one observation as a model sees them, in the base frame.
+    """The conditioned signals of one observation, the input of a model, in the base frame.
 
-    Gravity pulls along −z. If the base is tilted, the least rotation that makes it so turns all vectors.
+    Gravity points along −z. For a tilted base all vectors are rotated by the least rotation to that frame.
     """
 
     position: Array  # (3,) [m]
@@ -45,27 +45,30 @@ class ChannelModel(Protocol):
     """The model of one channel of the observation during a segment."""
 
     def empty(self) -> Rows:
-        """Rows of no hypothesis."""
+        """Return the rows of no hypothesis."""
 
     def extend(self, rows: Rows, observed: ModelInput) -> Rows:
-        """Rows after one more observation, with a hypothesis that starts at it appended."""
+        """Return the rows after one more observation, with a hypothesis that starts at it appended."""
 
     def log_evidence(self, rows: Rows) -> Array:
-        """(h,) log evidence of everything since each hypothesis' start."""
+        """Return (h,) log evidence of all observations since each hypothesis' start."""
 
 
 def select(rows: Rows, index: NDArray[Any]) -> Rows:
-    """The rows of some hypotheses."""
+    """Return the rows of some hypotheses."""
     return tuple(array[index] for array in rows)
 
 
 def append(array: NDArray[Any], row: ArrayLike) -> NDArray[Any]:
-    """An array with one more hypothesis."""
+    """Return an array with one more hypothesis."""
     return np.concatenate([array, np.asarray(row, dtype=array.dtype)[None]])
 
 
 def log_presence(squared: ArrayLike, least: float) -> Array:
-    """Log weight 1 − exp(−z²/2 least²) of something that has to be there, z² given; 0 where `least` is 0."""
+    """Return the log weight 1 − exp(−z²/2 least²) of a quantity that must differ from 0.
+
+    squared: z²; 0 if `least` is 0.
+    """
     if not least:
         return np.zeros_like(np.asarray(squared, float))
     weight: Array = -np.expm1(-0.5 * np.asarray(squared, float) / least**2)
@@ -73,7 +76,10 @@ def log_presence(squared: ArrayLike, least: float) -> Array:
 
 
 def log_absence(squared: ArrayLike, most: float) -> Array:
-    """Log weight exp(−z²/2 most²) of something that has not to be there, z² given; 0 where `most` is 0."""
+    """Return the log weight exp(−z²/2 most²) of a quantity that must be near 0.
+
+    squared: z²; 0 if `most` is 0.
+    """
     if not most:
         return np.zeros_like(np.asarray(squared, float))
     weight: Array = -0.5 * np.asarray(squared, float) / most**2
@@ -90,14 +96,14 @@ def signal(observed: ModelInput, channel: Channel) -> Array:
 class Noise:
     """Prior of the residuals: Student-t about the model, with the variance integrated out.
 
-    Their scale [unit] is `floor`, what sensor and hand leave at rest, joined by a share of how far the
-    segment goes: a person's path leaves any profile by a few per cent of its length (signal-dependent
-    noise, Harris & Wolpert 1998). People differ: `shares` are equally likely, the evidence is their
-    mixture. nu0: how many values the prior scale is worth.
+    Their scale [unit] combines `floor`, the residual of sensor and hand at rest, with a share of the
+    segment's length: a person's path differs from any profile by a few per cent of its length
+    (signal-dependent noise, Harris & Wolpert 1998). Persons differ: `shares` are equally likely, and the
+    evidence is their mixture. nu0: degrees of freedom of the prior scale.
 
-    `joint` pools the three axes, which makes the model turn with the base frame. `correlation` is that of
-    residuals one sample apart: what a person does wrong now, he does wrong for a while, and white noise
-    would count it anew at every sample.
+    `joint` pools the three axes, which makes the model invariant to rotations of the base frame.
+    `correlation` is that of residuals one sample apart: a person's error lasts for a while, and white noise
+    would count it again at every sample.
     """
 
     nu0: float
@@ -109,7 +115,7 @@ class Noise:
     def fresh(self, now: Array, before: Array, n: NDArray[np.int64], origin: Origin) -> Array:
         """Return the whitened innovation of values `now` (h, …), given those before; n: (h,) samples before.
 
-        If a hypothesis has no sample before and does not start at one, its first value counts in full.
+        If a hypothesis has no sample before and does not start at one, its first value is not whitened.
         """
         whitened = whiten(now, before, self.correlation)
         if origin == "previous":
@@ -126,12 +132,11 @@ class Noise:
         whitened: ArrayLike = 0,
         log_scale: ArrayLike = 0.0,
     ) -> Array:
-        """Log evidence of whitened residuals over all axes.
+        """Return the log evidence of whitened residuals over all axes.
 
-        n: (h,) values an axis; ssr: (h, 3, …) [unit²]; extent2: (h,) [unit²] squared length of the
-        segment; whitened: (h,) how many values an axis have been whitened; log_scale: (h, 1, …) Σ log of
-        what the values of an axis have been divided by. Returns (h, 3 or 1, …): one entry an axis, or a
-        single one where they are pooled.
+        n: (h,) values per axis; ssr: (h, 3, …) [unit²]; extent2: (h,) [unit²] squared length of the segment;
+        whitened: (h,) number of whitened values per axis; log_scale: (h, 1, …) Σ log of the scales by which
+        the values of an axis were divided. Returns (h, 3 or 1, …): one entry per axis, or one if pooled.
         """
         shape = (-1,) + (1,) * (ssr.ndim - 1)
         count, extent2, jacobian = (np.asarray(a, float).reshape(shape) for a in (n, extent2, whitened))

@@ -1,7 +1,7 @@
-"""The filter compiled: `RunLengthFilter` in all that it shows, many times as fast.
+"""The compiled filter: the results of `RunLengthFilter`, computed many times faster.
 
-The same observations give the same state, bit for bit. `RunLengthFilter` is the reference, to which it agrees
-to 1e-9. It runs where a model set holds a model that `kernels` does not implement.
+The same observations give the same state, bit for bit. It agrees with the reference, `RunLengthFilter`, to
+1e-9. The reference is used for a model set with a model that `kernels` does not implement.
 """
 
 from __future__ import annotations
@@ -60,10 +60,11 @@ class CompiledRunLengthFilter(SmoothedProbabilities):
         self._room = 0  # steps until it has to be looked whether tables and nodes suffice
 
     def step(self, observed: ModelInput, boundary: bool = False, *, changepoint: bool | None = None) -> None:
-        """Take one observation. `boundary`: it follows a gap, and begins a segment that joins on to nothing.
+        """Process one observation. boundary: whether it follows a gap, so that it begins an unconnected
+        segment.
 
-        changepoint: whether a segment starts here, where that is given. Raises ValueError where a value is
-        not finite; nothing has changed then.
+        changepoint: whether a segment starts at it, if known. Raises ValueError if a value is not finite, and
+        then changes nothing.
         """
         now = self._state.now
         now[:FORCE], now[FORCE:ROTATION], now[HOLDING], now[ROTATION:TORSION], now[TORSION:HOLDING] = observed
@@ -86,7 +87,7 @@ class CompiledRunLengthFilter(SmoothedProbabilities):
             self.condition(certain)
 
     def condition(self, start: int) -> None:
-        """Take it for certain that a segment starts at observation `start`; what lies before it is final.
+        """Condition on a segment that starts at observation `start`; the segments before it become final.
 
         Raises ValueError for a start that is final already, or out of the window.
         """
@@ -99,7 +100,7 @@ class CompiledRunLengthFilter(SmoothedProbabilities):
 
     @property
     def root(self) -> int:
-        """The latest start that every living hypothesis descends from."""
+        """The latest start from which all living hypotheses descend."""
         return int(self._state.node_start[self._state.counters["root"][0]])
 
     @property
@@ -124,7 +125,7 @@ class CompiledRunLengthFilter(SmoothedProbabilities):
 
     @property
     def log_joint(self) -> Array:
-        """(h,) log joint of each hypothesis and everything so far."""
+        """(h,) log joint probability of each hypothesis and all observations so far."""
         return self._state.joint[: self._living].copy()
 
     def map_path(self) -> list[PathSegment]:
@@ -149,7 +150,7 @@ class CompiledRunLengthFilter(SmoothedProbabilities):
 
     @property
     def _living(self) -> int:
-        """The number of living hypotheses, which stand in the first places."""
+        """The number of living hypotheses, which occupy the first places."""
         return int(self._state.counters["living"][0])
 
     def _keep(self, model: Model, state: State) -> None:
@@ -159,7 +160,7 @@ class CompiledRunLengthFilter(SmoothedProbabilities):
         self._path = np.zeros((state.node_start.size + 1, 2), np.int64)  # scratch
 
     def _settle(self) -> None:
-        """Append the segments that the last step or decision made final to `final`."""
+        """Append the segments that the last step or condition made final to `final`."""
         count = self._state.counters["settled"][0]
         state = self._state
         settled = (getattr(state, f"settled_{name}")[:count] for name in ("start", "kinds", "group"))
@@ -168,7 +169,7 @@ class CompiledRunLengthFilter(SmoothedProbabilities):
         )
 
     def _make_room(self) -> None:
-        """Grow tables and nodes so that they suffice for `_room` steps with a decision after each of them."""
+        """Grow tables and nodes so that they suffice for `_room` steps, each followed by a condition."""
         spare, each = self.parameters.window + 2, len(self.lattice.log_transition) + 1
         while self._state.node_start.size < self._state.counters["nodes"][0] + 2 * spare * each:
             self._keep(self._model, with_more_nodes(self._state))

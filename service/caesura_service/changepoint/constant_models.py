@@ -1,4 +1,4 @@
-"""Channels that keep one value: rest, free space, a carried load, and what the gripper holds."""
+"""Channels that keep one value: rest, free space, a carried load, and the gripper's holding state."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ _Z = 2
 
 @dataclass(frozen=True)
 class ConstantLevel:
-    """The channel keeps a value that is known: where it started (steady) or zero (no contact).
+    """The channel keeps a known value: that of its start (steady) or zero (no contact).
 
-    Thesis (3.60), (3.65); origins as in Profiled.
+    Thesis (3.60), (3.65); origins as in ProfileModel.
     """
 
     channel: Channel
@@ -38,11 +38,11 @@ class ConstantLevel:
     origin: Origin = "first"
 
     def empty(self) -> Rows:
-        """Rows: n, origin, y, Σy²."""
+        """Return empty rows: n, origin, y, Σy²."""
         return np.zeros(0, np.int64), *(np.zeros((0, AXES)) for _ in range(3))
 
     def extend(self, rows: Rows, observed: ModelInput) -> Rows:
-        """Take one observation."""
+        """Return the rows after one more observation."""
         z = signal(observed, self.channel)
         start = append(rows[1], origin_of(self.origin, rows, z))
         n, before, squares = (append(rows[i], np.zeros(rows[i].shape[1:])) for i in (0, 2, 3))
@@ -59,16 +59,16 @@ class ConstantLevel:
 
 @dataclass(frozen=True)
 class FreeSpaceForce:
-    """Free space as a real sensor shows it: an unknown constant force with a prior of scale `bias` [N].
+    """Free space with a real sensor: an unknown constant force with a prior of scale `bias` [N].
 
     The mean and the deviations from it are independent: the deviations have the noise's density over n − 1
     values, the mean is normal with variance bias² + floor²/n. Mean and deviations are those of whitened
-    values, weighted as generalised least squares does.
+    values, by generalised least squares.
 
-    `absence` [N] weighs every sample by exp(−z²/2 absence²), the complement of a contact's presence: a steady
-    press is no bias, however steady it is. The weight is at most 1. z is what the weight of a load between
-    `least_kg` and `most_kg` leaves of the force: a load is no contact either, so its weight decides between
-    a load and free space once, by the mean, and not anew at every sample.
+    `absence` [N] weighs every sample by exp(−z²/2 absence²), the complement of a contact's presence: a press
+    is not a bias, even if it is constant. The weight is at most 1. z is the force less the weight of a load
+    between `least_kg` and `most_kg`: a load is not a contact either, so its weight distinguishes a load from
+    free space once, by the mean, and not again at every sample.
     """
 
     noise: Noise
@@ -78,12 +78,15 @@ class FreeSpaceForce:
     most_kg: float = 0.0
 
     def empty(self) -> Rows:
-        """Rows: n, f, Σ w², Σ w c, Σ c², Σ log absence, with w the whitened force and c the whitened one."""
+        """Return empty rows: n, f, Σ w², Σ w c, Σ c², Σ log absence.
+
+        w: the whitened force; c: the whitened constant.
+        """
         n, vector, scalar = np.zeros(0, np.int64), np.zeros((0, AXES)), np.zeros(0)
         return n, vector, vector, vector, scalar, scalar
 
     def extend(self, rows: Rows, observed: ModelInput) -> Rows:
-        """Take one observation."""
+        """Return the rows after one more observation."""
         n, before, squares, total, weight = (append(rows[i], np.zeros(rows[i].shape[1:])) for i in range(5))
         force = np.broadcast_to(observed.force, before.shape)
         w = self.noise.fresh(force, before, n, "zero")
@@ -102,14 +105,14 @@ class FreeSpaceForce:
         return result
 
     def mean_log_density(self, mean: Array, variance: Array) -> Array:
-        """(h,) log density of the mean force (h, 3) [N], itself known to some variance (h, 1) [N²]."""
+        """Return (h,) log density of the mean force (h, 3) [N], estimated with a variance (h, 1) [N²]."""
         total: Array = _normal(mean, self.bias**2 + variance).sum(axis=1)
         return total
 
 
 @dataclass(frozen=True)
 class LoadForce(FreeSpaceForce):
-    """A load hangs on the gripper: the force is its weight, (0, 0, −m g), give or take the sensor's bias.
+    """A load hangs on the gripper: the force is its weight, (0, 0, −m g), plus the sensor's bias.
 
     The load is log-uniform between `least_kg` and `most_kg`, with normal shoulders as wide as the bias.
     """
@@ -118,7 +121,7 @@ class LoadForce(FreeSpaceForce):
     most_kg: float = 3.0
 
     def mean_log_density(self, mean: Array, variance: Array) -> Array:
-        """(h,) sideways as in free space, downwards the load's density."""
+        """Return (h,) log density: horizontally that of free space, vertically that of the load."""
         sideways = _normal(mean[:, :_Z], self.bias**2 + variance).sum(axis=1)
         down, lowest, highest = -mean[:, _Z], self.least_kg * GRAVITY, self.most_kg * GRAVITY
         inside = np.clip(down, lowest, highest)
@@ -130,17 +133,19 @@ class LoadForce(FreeSpaceForce):
 
 @dataclass(frozen=True)
 class ThesisLoadForce:
-    """The thesis' transport: the weight of a load of max(m_min, mean), known for certain. (3.52), (3.60)."""
+    """The thesis' transport: the weight of a load of max(m_min, mean), without uncertainty. (3.52),
+    (3.60).
+    """
 
     noise: Noise
     least_kg: float
 
     def empty(self) -> Rows:
-        """Rows: n, Σf, Σf²."""
+        """Return empty rows: n, Σf, Σf²."""
         return np.zeros(0, np.int64), np.zeros((0, AXES)), np.zeros((0, AXES))
 
     def extend(self, rows: Rows, observed: ModelInput) -> Rows:
-        """Take one observation."""
+        """Return the rows after one more observation."""
         n, total, squares = (append(array, np.zeros(array.shape[1:])) for array in rows)
         return n + 1, total + observed.force, squares + observed.force**2
 
@@ -156,21 +161,22 @@ class ThesisLoadForce:
 
 @dataclass(frozen=True)
 class GripperHoldingChain:
-    """Whether the gripper holds something: a two-state chain.
+    """A two-state Markov chain of whether the gripper holds something.
 
-    probability: that it does when the segment starts; change: that this flips from one observation to the
-    next. The chain makes a long segment one piece of evidence, not one a sample. Unknown says nothing.
+    probability: that it holds something when the segment starts; change: that this changes from one
+    observation to the next. So a long segment is one piece of evidence, not one per sample. An unknown state
+    is no evidence.
     """
 
     probability: float
     change: float = 0.005
 
     def empty(self) -> Rows:
-        """Rows: log evidence, the last known state (nan before one)."""
+        """Return empty rows: log evidence, the last known state (nan before one)."""
         return np.zeros(0), np.zeros(0)
 
     def extend(self, rows: Rows, observed: ModelInput) -> Rows:
-        """Take one observation."""
+        """Return the rows after one more observation."""
         evidence, before = append(rows[0], 0.0), append(rows[1], np.nan)
         if np.isnan(observed.holding):
             return evidence, before
@@ -185,7 +191,7 @@ class GripperHoldingChain:
 
 
 def weightless(force: Array, least_kg: float, most_kg: float) -> Array:
-    """Return the force (3,) [N] less the weight of the load, least_kg to most_kg, that leaves least of it."""
+    """Return the force (3,) [N] less the weight of the load, least_kg to most_kg, that minimises the rest."""
     weight = np.clip(-force[_Z], least_kg * GRAVITY, most_kg * GRAVITY)
     left: Array = force + np.array([0.0, 0.0, weight])
     return left

@@ -17,10 +17,10 @@ Array = NDArray[np.float64]
 class ConstantVelocity:
     """x(t) = β₀ + β₁ t + ε on each axis, β ~ N(0, σ²/κ₀ I), σ² ~ scaled inverse chi-squared(ν₀, σ₀²).
 
-    The thesis states no units, and its zero-mean prior of β₀ makes the result depend on where the origin
-    lies: each segment is centred on its first sample, and positions are measured in `length_unit_m` [m].
-    β* = (ΦᵀΦ + κ₀ I)⁻¹ Φᵀ x (the thesis has a minus). The determinant of the prior precision is κ₀ to the
-    number of coefficients, on top, not below (3.17).
+    The thesis states no units, and its zero-mean prior of β₀ makes the result depend on the origin. So each
+    segment is centred on its first sample, and positions are in units of `length_unit_m` [m]. β* = (ΦᵀΦ + κ₀
+    I)⁻¹ Φᵀ x (the thesis has a minus). The determinant of the prior precision is κ₀ to the number of
+    coefficients, on top, not below (3.17).
     """
 
     nu0: float
@@ -30,11 +30,11 @@ class ConstantVelocity:
     step_s: float
 
     def empty(self) -> Rows:
-        """Rows: n, first sample, Σy, Σty, Σy²."""
+        """Return empty rows: n, first sample, Σy, Σty, Σy²."""
         return np.zeros(0, np.int64), *(np.zeros((0, AXES)) for _ in range(4))
 
     def extend(self, rows: Rows, observed: ModelInput) -> Rows:
-        """Take one observation."""
+        """Return the rows after one more observation."""
         first = append(rows[1], observed.position)
         n, total, moment, squares = (append(rows[i], np.zeros(rows[i].shape[1:])) for i in (0, 2, 3, 4))
         y = (observed.position - first) / self.length_unit_m
@@ -42,7 +42,7 @@ class ConstantVelocity:
         return n + 1, first, total + y, moment + t * y, squares + y**2
 
     def log_evidence(self, rows: Rows) -> Array:
-        """(h,) sum over axes; a density in length_unit_m, as the thesis has it."""
+        """Return (h,) log evidence, summed over axes; a density in length_unit_m, as in the thesis."""
         n, _, total, moment, squares = rows
         # ΦᵀΦ + κ₀ I = [[a, b], [b, c]] with Σt and Σt² of t = 0, step, …, (n − 1) step.
         b = self.step_s * 0.5 * n * (n - 1)

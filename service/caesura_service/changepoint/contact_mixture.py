@@ -1,8 +1,8 @@
-"""The thesis' contact model: every force is drawn from one of three states, in proportions that are learnt.
+"""The thesis' contact model: every force is drawn from one of three states, in estimated proportions.
 
-Predictive Σ_k (α_k + c_k)/(Σα + n) N_k(f), with c_k how much of the segment so far was in state k: thesis
-(3.46)–(3.58), whose hard argmax in (3.54), (3.57) is no density. The states are free space, contact and
-transport of a load of max(m_min, mean of the segment so far).
+Predictive density Σ_k (α_k + c_k)/(Σα + n) N_k(f), with c_k the expected count of state k in the segment so
+far: thesis (3.46)–(3.58), whose hard argmax in (3.54), (3.57) is no density. The states are free space,
+contact and transport of a load of max(m_min, mean of the segment so far).
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ _Z = 2
 class ContactMixture:
     """The segment's evidence, and the share of one state in it.
 
-    Over the three states the shares add up to one. The evidence is multiplied by the number of states,
-    because a lattice weighs its kinds evenly and the states are no alternatives, but one model.
+    The shares of the three states add up to one. The evidence is multiplied by the number of states, because
+    a model set weighs its kinds equally, and the three states are one model rather than alternatives.
     """
 
     state: int
@@ -39,11 +39,11 @@ class ContactMixture:
     alpha: tuple[float, float, float] = (10.0, 10.0, 10.0)
 
     def empty(self) -> Rows:
-        """Rows: n, Σf_z, c, log evidence."""
+        """Return empty rows: n, Σf_z, c, log evidence."""
         return np.zeros(0, np.int64), np.zeros(0), np.zeros((0, STATES)), np.zeros(0)
 
     def extend(self, rows: Rows, observed: ModelInput) -> Rows:
-        """Take one observation."""
+        """Return the rows after one more observation."""
         n, total, counts, weighed = (append(array, np.zeros(array.shape[1:])) for array in rows)
         shares = counts + np.asarray(self.alpha)
         shares /= shares.sum(axis=1, keepdims=True)
@@ -60,7 +60,7 @@ class ContactMixture:
         return result
 
     def _log_densities(self, force: Array, n: NDArray[np.int64], total: Array) -> Array:
-        """(h, 3) log density of a force [N] in each state."""
+        """Return (h, 3) log density of a force [N] in each state."""
         mean = np.divide(total, n, out=np.zeros_like(total), where=n > 0)
         weight = np.minimum(mean, -self.least_kg * GRAVITY)
         sideways2 = float(force[:_Z] @ force[:_Z])

@@ -1,8 +1,8 @@
-"""The contract of a channel model as checks, for the models of Caesura and of third parties.
+"""Checks that a channel model, of Caesura or of a third party, has the properties that the filter requires.
 
-Each check takes a model and observations, and raises AssertionError where the model breaks the contract.
-`mass` is no check but a measurement. For a model whose evidence is a density it returns 1, and the evidence
-of that model is the product of its predictives.
+Each check raises AssertionError if the model violates its property for the given observations. `mass` is a
+measurement: it returns 1 for a model whose evidence is a density, that is the product of its predictive
+densities.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ BEFORE = 1  # the hypothesis that `mass` looks at starts after so many observati
 
 
 def rows_after(model: ChannelModel, observations: Iterable[ModelInput], rows: Rows | None = None) -> Rows:
-    """Rows of all hypotheses after some observations, from `rows` on."""
+    """Return the rows of all hypotheses after some observations, starting from `rows`."""
     rows = model.empty() if rows is None else rows
     for observed in observations:
         rows = model.extend(rows, observed)
@@ -62,7 +62,7 @@ def check_pure(model: ChannelModel, observations: Sequence[ModelInput]) -> None:
 
 
 def check_independent(model: ChannelModel, observations: Sequence[ModelInput]) -> None:
-    """Check that the evidence of a hypothesis does not depend on which others are extended beside it."""
+    """Check that the evidence of a hypothesis does not depend on other hypotheses."""
     *past, observed = observations
     rows = rows_after(model, past)
     count = len(rows[0])
@@ -73,7 +73,7 @@ def check_independent(model: ChannelModel, observations: Sequence[ModelInput]) -
 
 
 def check_serialisable(model: ChannelModel, observations: Sequence[ModelInput]) -> None:
-    """Check that a model and its rows, stored and read again, go on with the same bits."""
+    """Check that a model and its rows give the same bits after they are stored and loaded."""
     half = len(observations) // 2
     rows = rows_after(model, observations[:half])
     again, file = pickle.loads(pickle.dumps(model)), io.BytesIO()
@@ -93,7 +93,7 @@ def check_serialisable(model: ChannelModel, observations: Sequence[ModelInput]) 
 def check_constant_work(model: ChannelModel, observations: Iterable[ModelInput]) -> None:
     """Check that a late observation takes no more memory, bytes of rows or lines run than an early one.
 
-    observations: endless, or longer than `LATE`. No clock is looked at.
+    observations: endless, or longer than `LATE`. Time is not measured.
     """
     rows, measured = model.empty(), []
     for n, observed in enumerate(observations):
@@ -111,10 +111,10 @@ def check_constant_work(model: ChannelModel, observations: Iterable[ModelInput])
 def everywhere(
     channel: Channel, centre: ArrayLike, scale: ArrayLike, *, nodes: int = 13, reach: float = 3.5
 ) -> tuple[list[ModelInput], Array]:
-    """Places all over one channel's space, and the volume that each stands for [unit³].
+    """Return quadrature points in one channel's space, and the volume of each [unit³].
 
-    Dense within `scale` [unit] of the centre and ever wider apart up to scale · sinh(reach), as heavy tails
-    need it; scale: (3,) or one number.
+    They are dense within `scale` [unit] of the centre, and increasingly sparse up to scale · sinh(reach), for
+    heavy tails; scale: (3,) or one number.
     """
     steps = np.linspace(-reach, reach, nodes)
     spread, width = np.sinh(steps), (steps[1] - steps[0]) * np.cosh(steps)
@@ -133,8 +133,8 @@ def mass(
 ) -> float:
     """Integrate the density of the next observation, given the past, over all places; 1 for a true density.
 
-    past: its first observation comes before the segment, which starts with the second, or with the next where
-    there is no second. places: the next observations, and the volume [unit³] of each (`everywhere`). after:
+    past: its first observation precedes the segment, which starts with the second, or else with the next
+    observation. places: the next observations, and the volume [unit³] of each (`everywhere`). after:
     observations that follow the next one; then the joint density of the next one and these is summed.
     """
     rows, known = rows_after(model, past), 0.0

@@ -1,4 +1,4 @@
-"""Corners: where a movement turns while its speed dips, the next movement begins."""
+"""The weight of a corner: a movement starts where the path turns while its speed dips."""
 
 from __future__ import annotations
 
@@ -18,27 +18,28 @@ class CornerWeight:
 
     The log weight is γ(v) S((turn − 45°)/15°) S((0.6 − r)/0.08), with S the logistic function. `turn` is the
     angle between the path over `chord` observations before the start and the path since. r is the speed at
-    the start, divided by the lesser of the peaks within `reach` chords before and after. So what only
-    curves, or only slows down, starts no movement: it is a via point of the path.
+    the start, divided by the lesser of the peaks within `reach` chords before and after. So a curve without a
+    dip, or a dip without a turn, starts no movement: it is a via point of the path.
 
-    A corner lies between two straight ways: the weight is multiplied by S((q − `straight`)/0.03) for either
-    one, with q its chord by its length. So a turn that takes as long as the ways is a curve, and what turns
-    beside a corner is no second one.
+    A corner lies between two straight sections: the weight is multiplied by S((q − `straight`)/0.03) for
+    each, with q the ratio of its chord to its length. So a turn as long as the sections is a curve, and a
+    turn beside a corner is not a second corner.
 
-    A quick hand turns within less time than a slow one, so a corner has no time of its own. Several `chords`
-    are looked at, and the largest weight counts (scale space: Lindeberg 1998).
+    A fast hand turns in less time than a slow one, so a corner has no fixed duration. Several `chords` are
+    evaluated, and the largest weight counts (scale space: Lindeberg 1998).
 
-    The weight of a chord is 0 for the first `chord` observations of a segment, follows the path up to
-    `reach`, and stays. It needs no look at what comes after the segment, so a segment's evidence remains its
-    own.
+    The log weight of a chord is 0 for the first `chord` observations of a segment, is updated up to `reach`,
+    and then stays constant. It does not depend on observations after the segment.
 
-    γ(v) is what a start costs the movement that begins at speed v: `standing` + (`gamma` − `standing`)
-    min(1, v²/`fast`²). At standstill that is what any start costs, its hazard, its kind and its burst. A
-    movement that does not begin at rest pays for its speed too. So a corner takes no rest's place.
+    γ(v) compensates the log evidence that a start at speed v costs a movement: `standing` + (`gamma` −
+    `standing`) min(1, v²/`fast`²). At standstill this is the cost of any start: hazard, kind and burst. A
+    movement that does not begin at rest has an additional cost for its speed. So a corner does not replace a
+    rest.
 
     gamma, standing [nats]; fast [unit] a step, 0 for `gamma` at any speed. pace [unit]: least step at a peak,
-    and least mean step of the straight way on either side, since a hand at rest has no corners. channel: the
-    position [m], or the rotation [rad], where a turn back, or a turn about another axis, is a corner.
+    and least mean step of the straight section on either side, because a hand at rest has no corners.
+    channel: the position [m], or the rotation [rad], where a turn back, or a turn about another axis, is a
+    corner.
     """
 
     gamma: float
@@ -57,20 +58,20 @@ class CornerWeight:
 
     @property
     def reaches(self) -> tuple[int, ...]:
-        """Observations within which the peaks of each chord lie."""
+        """The number of observations within which the peaks of each chord lie."""
         return tuple(round(self.reach * chord) for chord in self.chords)
 
     @property
     def memory(self) -> int:
-        """Values that a start looks back on, as long as its weight may change."""
+        """The number of values that the weight of a start depends on."""
         return 2 * max(self.reaches) + 2
 
     def empty(self) -> Rows:
-        """Rows: n, last values, log weight of each chord."""
+        """Return empty rows: n, last values, log weight of each chord."""
         return np.zeros(0, np.int64), np.zeros((0, self.memory, AXES)), np.zeros((0, len(self.chords)))
 
     def extend(self, rows: Rows, observed: ModelInput) -> Rows:
-        """Take one observation."""
+        """Return the rows after one more observation."""
         z = signal(observed, self.channel)
         past = np.concatenate([rows[1][-1][1:], z[None]]) if len(rows[0]) else np.tile(z, (self.memory, 1))
         n, weights = append(rows[0], 0), append(rows[2], np.zeros(len(self.chords)))
@@ -103,7 +104,7 @@ class CornerWeight:
         return float(weight)
 
     def _straightness(self, chord_length: float, steps: Array) -> float:
-        """Near 1 where a way is straight, near 0 where it is curved; steps: their lengths."""
+        """Return a factor near 1 for a straight section, near 0 for a curved one; steps: their lengths."""
         return _logistic((chord_length / float(steps.sum()) - self.straight) / self.straight_width)
 
     def log_evidence(self, rows: Rows) -> Array:
@@ -113,5 +114,5 @@ class CornerWeight:
 
 
 def _logistic(x: float) -> float:
-    """S(x) = 1/(1 + exp(−x)); the argument of the exponential is bounded, so that nothing overflows."""
+    """Return S(x) = 1/(1 + exp(−x)); the exponent is bounded to avoid overflow."""
     return float(1.0 / (1.0 + np.exp(-np.clip(x, -50.0, 50.0))))

@@ -46,7 +46,7 @@ from caesura_service.constants import CREEP_M_PER_S, HANDS_BREADTH_M, LOAD_KG, R
 
 
 def correlation(time_s: float) -> float:
-    """Correlation of neighbouring observations of a process that forgets with this time constant [s]."""
+    """Return the correlation of successive observations of a process with this time constant [s]."""
     return float(np.exp(-STEP_S / time_s))
 
 
@@ -81,7 +81,8 @@ CALM = 0.3  # a stroke's residuals at rest, as a share of those at its fastest
 
 
 def guided_motion() -> GuidedMotion:
-    """A hand on a robot: it wanders by 0.75 mm a step, errs by 7 % of its speed, starts by 2 mm.
+    """Return the model of a hand on a robot: noise of 0.75 mm per step, 7 % of its speed, a start burst of 2
+    mm.
 
     Degrees of freedom, memory and noise are those of largest likelihood on the movements of the open
     annotations (docs/judge.md): 4, 0.5 s, and noise between the estimates of single sets.
@@ -98,7 +99,9 @@ def guided_motion() -> GuidedMotion:
 
 
 def traced_motion() -> TracedMotion:
-    """A tool that sticks and slips along a line. It errs as a guiding hand wanders."""
+    """Return the model of a tool that sticks and slips along a line, with the noise floor of a guiding
+    hand.
+    """
     guided = guided_motion()
     return TracedMotion(guided.floor, TRACING, correlation(TRACING_S), nu=guided.nu, away=guided.away)
 
@@ -124,12 +127,12 @@ def early_moves() -> list[Profile]:
 
 
 def human_motion_library() -> ProfileLibrary:
-    """Strokes of 16 durations, even and early ones."""
+    """Return strokes of 16 durations, with symmetric and early speed peaks."""
     return ProfileLibrary([*even_moves(), *early_moves()], STEP_S, correlation(MEMORY_S), CALM)
 
 
 def stroke() -> ProfileModel:
-    """A movement along one profile of the library: it leaves its profile by about 4 % of its length."""
+    """Return a movement along one profile of the library, with residuals of about 4 % of its length."""
     path = Noise(nu0=5.0, floor=0.0007, shares=(0.02, 0.06), joint=True, correlation=correlation(MEMORY_S))
     return ProfileModel(
         "position",
@@ -148,12 +151,12 @@ _LADEN_WEIGHT = 0.03
 
 
 def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
-    """Scales from what sensors and hands do (statistics of real recordings), none from a scenario.
+    """Return the channel models, with scales from statistics of real recordings, none from a scenario.
 
     A hand at rest keeps within 0.3–1 mm and shifts by a tenth of that from one observation to the next;
-    slower than 10 mm/s is rest. A wrench is uncertain by 0.1–1 N while the arm moves; its bias wanders by
-    2.3 N within a recording. How much is known to about a third (nu0 = 5: the log scale has a deviation of
-    1/√(2 nu0)).
+    slower than 10 mm/s is rest. A wrench is uncertain by 0.1–1 N while the arm moves; its bias drifts by 2.3
+    N within a recording. These scales are uncertain by about a third (nu0 = 5: the log scale has a deviation
+    of 1/√(2 nu0)).
     """
     beyond = 2.0 * bias_n  # a force that the bias does not explain
     return {
@@ -180,7 +183,7 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
 
 
 def stroke_channels(bias_n: float) -> Mapping[str, ChannelModel]:
-    """The same with movements along a library of strokes, without corners, turns, and loads by weight."""
+    """Return the channel models with a library of strokes, without corners, turns, and loads by weight."""
     channels = {
         **default_channels(bias_n),
         **_laden_by_sample(bias_n),
@@ -246,33 +249,33 @@ Channels = Mapping[str, ChannelModel]
 
 
 def _strokes(bias_n: float) -> Channels:
-    """Movements follow a library of strokes."""
+    """Return channels in which movements follow a library of strokes."""
     return {"moving": stroke()}
 
 
 def _cornerless(bias_n: float) -> Channels:
-    """A turn is no reason for a movement to end."""
+    """Return channels without corners: a turn does not end a movement."""
     return {"corner": CornerWeight(gamma=0.0, pace=SLOW)}
 
 
 def _one_chord(bias_n: float) -> Channels:
-    """Every corner is one of 0.3 s, however quick the hand."""
+    """Return channels in which every corner has a duration of 0.3 s."""
     return _corners(chords=(3,))
 
 
 def _curved_ways(bias_n: float) -> Channels:
-    """A turn is a corner however curved the ways beside it are."""
+    """Return channels in which a corner may lie between curved sections."""
     return _corners(straight=0.0)
 
 
 def _corners(**changes: Any) -> Channels:
-    """Corners of the path and of the rotation, both with these changes."""
+    """Return corners of the path and of the rotation, both with these changes."""
     both = {"corner": corner(), "turned_back": corner_of_rotation()}
     return {name: replace(model, **changes) for name, model in both.items()}
 
 
 def _thesis_scales(bias_n: float) -> Channels:
-    """25 mm and 1.25 N whatever the sensor, Tab. 4.5."""
+    """Return channels with the scales of Tab. 4.5, 25 mm and 1.25 N, for every sensor."""
     place = ConstantLevel("position", Noise(1.0, 0.025, joint=True), origin="previous")
     return {
         "moving": replace(guided_motion(), floor=0.025),
@@ -283,22 +286,22 @@ def _thesis_scales(bias_n: float) -> Channels:
 
 
 def _even_noise(bias_n: float) -> Channels:
-    """Noise is the same however fast the movement."""
+    """Return channels whose noise does not depend on the speed of the movement."""
     return {"moving": replace(guided_motion(), share=0.0)}
 
 
 def _light_tails(bias_n: float) -> Channels:
-    """A hand never errs by far more than it mostly does."""
+    """Return channels whose movement noise has no heavy tails."""
     return {"moving": replace(guided_motion(), nu=NORMAL_NU)}
 
 
 def _unbiased(bias_n: float) -> Channels:
-    """Free space reads zero."""
+    """Return channels in which the force in free space is zero."""
     return {"untouched": ConstantLevel("force", QUIET, origin="zero")}
 
 
 def _laden_by_sample(bias_n: float) -> Channels:
-    """Every sample of a weight speaks against free space, as every sample of a press does."""
+    """Return channels in which every sample of a load's weight counts against free space, like a press."""
     return {
         "untouched": FreeSpaceForce(QUIET, bias=bias_n, absence=2.0 * bias_n),
         "not_set_in": NoContactRise(scale=FORCE_IN_MOTION_N),
@@ -306,13 +309,13 @@ def _laden_by_sample(bias_n: float) -> Channels:
 
 
 def _rising_contact(bias_n: float) -> Channels:
-    """A contact is a rise from zero, (3.36)–(3.45)."""
+    """Return channels in which a contact is a rise from zero, (3.36)–(3.45)."""
     rise = ProfileModel("force", thesis_force_library(), Noise(10.0, 1.25), origin="zero")
     return {"pressed": rise}
 
 
 def _white(bias_n: float) -> Channels:
-    """Steps, and residuals of the force, are new at every observation."""
+    """Return channels with uncorrelated steps and force residuals."""
     white = replace(QUIET, correlation=0.0)
     return {
         "moving": replace(guided_motion(), correlation=0.0),
@@ -323,7 +326,7 @@ def _white(bias_n: float) -> Channels:
 
 
 def _paceless(bias_n: float) -> Channels:
-    """Movement and rest differ by their course alone."""
+    """Return channels without weights on speed, for movement and rest."""
     return {
         "moving": replace(guided_motion(), pace=0.0, away=0.0),
         "still": StudentRandomWalk("position", scale=REST_STEP_M),
@@ -331,12 +334,12 @@ def _paceless(bias_n: float) -> Channels:
 
 
 def _frictionless(bias_n: float) -> Channels:
-    """A movement under a force that no bias explains slides, wherever the force points."""
+    """Return channels in which a movement under any force beyond a bias slides, whatever its direction."""
     return {"slid_along": FrictionConeWeight(least=0.0, pace=SLOW)}
 
 
 def _torqueless(bias_n: float) -> Channels:
-    """A screw that is driven and a ratchet that returns are one kind of turn."""
+    """Return channels in which a driven screw and a returning ratchet are one kind of turn."""
     return {"resisted": HeldTorque(), "unresisted": HeldTorque()}
 
 
@@ -346,7 +349,7 @@ def _untraced(bias_n: float) -> Channels:
 
 
 def _begun_anyhow(kind: SegmentKind) -> SegmentKind:
-    """A load may begin with a rise of the force."""
+    """Return the kind without the penalty of a force rise, if it is a load."""
     if kind.contact != "transport":
         return kind
     return replace(kind, channels=tuple(channel for channel in kind.channels if channel != "not_set_in"))

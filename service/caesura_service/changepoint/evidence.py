@@ -1,6 +1,6 @@
-"""Log marginal likelihoods: what data are worth under a model once its parameters are integrated out.
+"""Log marginal likelihoods of data under models whose parameters are integrated out.
 
-All of them broadcast, so that one call serves a whole batch of hypotheses.
+All functions broadcast, so that one call evaluates all hypotheses.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ Array = NDArray[np.float64]
 
 
 def known_mean_log_evidence(n: ArrayLike, ssr: ArrayLike, nu0: float, scale2: ArrayLike) -> Array:
-    """Log marginal likelihood of n values about a known mean, their variance integrated out.
+    """Return the log marginal likelihood of n values about a known mean, with the variance integrated out.
 
-    n: values; ssr: their sum of squared residuals [unit²]; the variance has a scaled inverse chi-squared
-    prior with nu0 degrees of freedom and scale scale2 [unit²]. Shapes broadcast.
-    Thesis (3.31), (3.41) with their missing (2π)^(-n/2); Murphy 2007, section 5.
+    n: number of values; ssr: their sum of squared residuals [unit²]; the variance has a scaled inverse
+    chi-squared prior with nu0 degrees of freedom and scale scale2 [unit²]. Shapes broadcast. Thesis (3.31),
+    (3.41) with their missing (2π)^(-n/2); Murphy 2007, section 5.
     """
     n, ssr, prior = np.asarray(n, float), np.asarray(ssr, float), nu0 * np.asarray(scale2, float)
     nu_n = nu0 + n
@@ -29,13 +29,18 @@ def known_mean_log_evidence(n: ArrayLike, ssr: ArrayLike, nu0: float, scale2: Ar
 
 
 def normal_log_density(value2: ArrayLike, dimensions: int, scale2: float) -> Array:
-    """Log density of an isotropic normal about 0; value2: squared length [unit²]; scale2: its variance."""
+    """Return the log density of an isotropic normal about 0; value2: squared length [unit²]; scale2:
+    variance.
+    """
     density: Array = -0.5 * (np.asarray(value2, float) / scale2 + dimensions * np.log(2.0 * np.pi * scale2))
     return density
 
 
 def student_log_density(value2: ArrayLike, dimensions: int, nu: float, scale: float) -> Array:
-    """Log density of an isotropic Student t about 0 with nu degrees of freedom; value2: squared length."""
+    """Return the log density of an isotropic Student t about 0 with nu degrees of freedom.
+
+    value2: squared length [unit²]; scale: [unit].
+    """
     half = 0.5 * (nu + dimensions)
     volume = 0.5 * dimensions * np.log(nu * np.pi) + dimensions * np.log(scale)
     constant = gammaln(half) - gammaln(0.5 * nu) - volume
@@ -44,14 +49,14 @@ def student_log_density(value2: ArrayLike, dimensions: int, nu: float, scale: fl
 
 
 def log_mean_exp(values: Array, axis: int = -1) -> Array:
-    """Logarithm of the mean of exp(values) over one axis: an even mixture."""
+    """Return the logarithm of the mean of exp(values) over one axis: a mixture with equal weights."""
     count = values.shape[axis]
     result: Array = log_sum_exp(values, axis) - np.log(count)
     return result
 
 
 def log_sum_exp(values: Array, axis: int = -1) -> Array:
-    """Logarithm of the sum of exp(values) over one axis; -inf where every entry is."""
+    """Return the logarithm of the sum of exp(values) over one axis; -inf if every entry is."""
     # The reductions of the ufuncs themselves: np.max and np.sum take as long again over a few values.
     peak = np.maximum.reduce(values, axis=axis, keepdims=True, initial=-np.inf)
     finite = np.isfinite(peak)

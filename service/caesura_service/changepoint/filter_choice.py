@@ -1,4 +1,4 @@
-"""The choice of the filter for a lattice: the compiled one where it is possible, otherwise the reference."""
+"""Chooses the filter for a model set: the compiled one if possible, otherwise the reference."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from caesura_service.numba_support import has_kernels
 
 
 def filter_for(lattice: SegmentModelSet, hazard: Hazard, parameters: FilterParameters) -> ChangepointFilter:
-    """Return a new filter: the compiled one, or `RunLengthFilter` without Numba or without a model's twin.
+    """Return a new filter: the compiled one, or `RunLengthFilter` without Numba or with a model that has no
+    kernel.
 
-    A third party's channel model has no compiled twin, and needs none.
+    A third party's channel model has no compiled kernel, and needs none.
     """
     if not has_kernels():
         return RunLengthFilter(lattice, hazard, parameters)

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 class ChangepointFilter(Protocol):
-    """A filter that takes observations one by one; `RunLengthFilter` describes each member in full."""
+    """A filter that processes observations one by one; `RunLengthFilter` describes each member in full."""
 
     @property
     def lattice(self) -> SegmentModelSet:
@@ -34,7 +34,7 @@ class ChangepointFilter(Protocol):
 
     @property
     def count(self) -> int:
-        """The number of observations taken."""
+        """The number of observations processed."""
 
     @property
     def starts(self) -> Starts:
@@ -46,7 +46,7 @@ class ChangepointFilter(Protocol):
 
     @property
     def final(self) -> Sequence[PathSegment]:
-        """Segments that no later sample can undo."""
+        """The segments that no later sample can change."""
 
     @property
     def capped(self) -> int:
@@ -61,10 +61,10 @@ class ChangepointFilter(Protocol):
         """(n,) smoothed probability at every observation."""
 
     def step(self, observed: ModelInput, boundary: bool = False, *, changepoint: bool | None = None) -> None:
-        """Take one observation, with what is known of it as a start. Raises ValueError."""
+        """Process one observation; a gap or a known start may be stated with it. Raises ValueError."""
 
     def condition(self, start: int) -> None:
-        """Take it for certain that a segment starts at observation `start`. Raises ValueError."""
+        """Condition on a segment that starts at observation `start`. Raises ValueError."""
 
     def map_path(self) -> list[PathSegment]:
         """The segments of the best segmentation from the final ones on; the last is still growing."""
@@ -73,7 +73,7 @@ class ChangepointFilter(Protocol):
         """Return (start, number of the kind) for each segment of `map_path`."""
 
     def changepoint_probability(self, start: int, *, about: int | None = None) -> float:
-        """Smoothed probability that a segment starts at observation `start`."""
+        """Return the smoothed probability that a segment starts at observation `start`."""
 
     def changepoint_probabilities(self, first: int, last: int, *, about: int | None = None) -> list[float]:
         """Return `changepoint_probability` of every observation from the first to the last, both included."""
@@ -82,4 +82,4 @@ class ChangepointFilter(Protocol):
         """Whether later observations can no longer change the probabilities at and next to this start."""
 
     def event_probability(self, start: int, others: Collection[int] = ()) -> float:
-        """Smoothed probability of a start here or next to it."""
+        """Return the smoothed probability of a start here or at a neighbouring observation."""

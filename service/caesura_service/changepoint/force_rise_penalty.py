@@ -1,4 +1,4 @@
-"""A weight against a segment in free space, or with a load, that begins with a rise of the force."""
+"""A penalty on a segment in free space, or with a load, that begins with a rise of the force."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ Array = NDArray[np.float64]
 class NoContactRise:
     """A weight of at most 1 on the start of free space: exp(−rise²/2 scale²).
 
-    The rise is by how much the force [N], within `reach` observations after the first, exceeds that of the
-    observation before the start; a force that falls has none. A bias may be large, and it wanders slowly. So
-    free space may read as much as a light contact, and still not begin where the force sets in. The first
-    observation of all has nothing before it.
+    The rise is the increase of the force [N], within `reach` observations after the first, over that of the
+    observation before the start; 0 for a decrease. A bias may be large, and drifts slowly. So free space may
+    have the force of a light contact, and still not begin where the force rises. The first observation of a
+    recording has no rise.
 
-    scale [N]: by which the force of a free movement varies within these observations. most_kg [kg]: the
-    weight of a load up to this is left out of the force, since a load sets in without a contact.
+    scale [N]: variation of the force of a free movement within these observations. most_kg [kg]: the weight
+    of a load up to this is subtracted from the force, because a load appears without a contact.
     """
 
     scale: float
@@ -31,11 +31,11 @@ class NoContactRise:
     most_kg: float = 0.0
 
     def empty(self) -> Rows:
-        """Rows: n, force before the start, largest rise, last force."""
+        """Return empty rows: n, force before the start, largest rise, last force."""
         return np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros((0, AXES))
 
     def extend(self, rows: Rows, observed: ModelInput) -> Rows:
-        """Take one observation."""
+        """Return the rows after one more observation."""
         force = weightless(observed.force, 0.0, self.most_kg)
         last = rows[3][-1] if len(rows[0]) else force
         n, before = append(rows[0], 0), append(rows[1], np.sqrt(last @ last))

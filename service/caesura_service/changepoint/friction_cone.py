@@ -21,27 +21,27 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FrictionConeWeight:
-    """A surface pushes out of itself, across the movement, and holds the movement back; it never drives it.
+    """A surface exerts a normal force across the movement and friction against it; it never drives it.
 
-    Coulomb: the force lies in a cone about the surface's normal, with a friction coefficient of 1 at most.
-    With f∥ along the step and f⊥ across it, every sample is weighed by 1 − exp(−f⊥²/2 least²), for there is
-    a normal force all the time, and by exp(−e²/2 least²) with e = max(f∥, −f∥ − f⊥, 0), by which the force
-    leaves the cone. A tool that pushes in what gives way, or is pushed back by it, does not slide; nor does
-    one that moves freely under a bias that happens to point along. The weight is at most 1.
+    Coulomb: the force lies in a cone about the surface's normal, with a friction coefficient of at most 1.
+    With f∥ along the step and f⊥ across it, every sample is weighed by 1 − exp(−f⊥²/2 least²), because there
+    always is a normal force, and by exp(−e²/2 least²) with e = max(f∥, −f∥ − f⊥, 0), the distance of the
+    force from the cone. A tool that pushes a yielding object in, or is pushed back by it, does not slide; nor
+    does a free movement with a bias along it. The weight is at most 1.
 
-    least [N]: of a normal force, as far as it differs from a bias; 0 weighs nothing. pace [m]: a step
-    much shorter than this has no direction.
+    least [N]: least normal force that differs from a bias; 0 disables the weight. pace [m]: a step much
+    shorter than this has no direction.
     """
 
     least: float
     pace: float
 
     def empty(self) -> Rows:
-        """Rows: the last position, Σ log weight."""
+        """Return empty rows: the last position, Σ log weight."""
         return np.zeros((0, AXES)), np.zeros(0)
 
     def extend(self, rows: Rows, observed: ModelInput) -> Rows:
-        """Take one observation. The first of all is no step."""
+        """Return the rows after one more observation. The first observation of a recording has no step."""
         step = observed.position - rows[0][-1] if len(rows[0]) else np.zeros(AXES)
         evidence = append(rows[1], 0.0) + self.log_weight(observed.force, step)
         return np.tile(observed.position, (len(evidence), 1)), evidence

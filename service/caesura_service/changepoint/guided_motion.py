@@ -1,4 +1,4 @@
-"""The motion model of `default`: a movement that a hand guides, without a library of strokes."""
+"""The motion model of `default`: a movement guided by a hand, without a library of strokes."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ class GuidedMotion:
         w_t² = floor² + share² |u_{t−1}|² + burst² [age < burst_steps]
 
     Every innovation ε is an isotropic Student t of its own with nu degrees of freedom (Lange, Little & Taylor
-    1989), so one that is large is no reason for a new segment. The scale is the segment's: one of `scales`,
+    1989), so a large one does not require a new segment. The scale is constant in a segment: one of `scales`,
     all equally likely. A path may curve and its speed may have several peaks. Noise grows with speed (Harris
-    & Wolpert 1998), and a start is a burst. A segment's evidence is the mean over scales of the product of
-    the densities of ε, divided by Π w³.
+    & Wolpert 1998), and the first steps have additional noise. A segment's evidence is the mean over scales
+    of the product of the densities of ε, divided by Π w³.
 
     correlation: ρ = exp(−step/τ) for a velocity with time constant τ. floor, burst [m]. pace [m] weighs every
     step by 1 − exp(−step²/2 pace²), which is at most 1: a moving hand does not rest. The first observation of
-    all has no step, and is not weighed. away [m] weighs the way of the last `away_steps` steps likewise, once
-    a segment has more observations than that: a hand that moves is elsewhere by then.
+    a recording has no step, and is not weighed. away [m] weighs the displacement of the last `away_steps`
+    steps in the same way, once a segment has more observations than that: a moving hand is elsewhere by then.
     """
 
     correlation: float
@@ -46,13 +46,15 @@ class GuidedMotion:
     away_steps: int = 3
 
     def empty(self) -> Rows:
-        """Rows: n, last positions, last two steps, Σ log density of ε for each scale, Σ log (pace / w³)."""
+        """Return empty rows: n, last positions, last two steps, Σ log density of ε by scale, Σ log (pace /
+        w³).
+        """
         vectors, past = np.zeros((0, AXES)), np.zeros((0, self.away_steps + 1, AXES))
         densities = np.zeros((0, len(self.scales)))
         return np.zeros(0, np.int64), past, vectors, vectors, densities, np.zeros(0)
 
     def extend(self, rows: Rows, observed: ModelInput) -> Rows:
-        """Take one observation."""
+        """Return the rows after one more observation."""
         z, joins = observed.position, len(rows[0]) > 0
         n, step_1, step_2, densities, weights = (
             append(rows[i], np.zeros(rows[i].shape[1:])) for i in (0, 2, 3, 4, 5)

@@ -13,27 +13,27 @@ Array = NDArray[np.float64]
 
 
 class Hazard(Protocol):
-    """A prior of lengths: g, the probability of a length, and S, of lasting beyond some samples."""
+    """A prior of segment lengths: g, the probability of a length, and S, of a greater one."""
 
     @property
     def residual(self) -> Hazard:
-        """The prior of the remaining length of a segment that began before the first observation."""
+        """Return the prior of the remaining length of a segment that began before the first observation."""
 
     def log_mass(self, n: NDArray[np.int64]) -> Array:
-        """log g(n): the segment has exactly n ≥ 1 samples."""
+        """Return log g(n): the segment has exactly n ≥ 1 samples."""
 
     def log_survival(self, n: NDArray[np.int64]) -> Array:
-        """log S(n): the segment has more than n ≥ 0 samples."""
+        """Return log S(n): the segment has more than n ≥ 0 samples."""
 
 
 def log_mass(hazard: Hazard, n: NDArray[np.int64], opens: NDArray[np.bool_]) -> Array:
-    """Return log g(n) of each segment, of its residual life where it opens a recording or follows a gap."""
+    """Return log g(n) of each segment; of its residual length if it opens a recording or follows a gap."""
     mass: Array = hazard.log_mass(n)
     return np.where(opens, hazard.residual.log_mass(n), mass) if opens.any() else mass
 
 
 def log_survival(hazard: Hazard, n: NDArray[np.int64], opens: NDArray[np.bool_]) -> Array:
-    """Return log S(n) of each segment, of its residual life where it opens a recording or follows a gap."""
+    """Return log S(n) of each segment; of its residual length if it opens a recording or follows a gap."""
     survival: Array = hazard.log_survival(n)
     return np.where(opens, hazard.residual.log_survival(n), survival) if opens.any() else survival
 
@@ -50,7 +50,7 @@ class Geometric:
 
     @property
     def residual(self) -> Geometric:
-        """The same prior: a constant hazard has no memory."""
+        """Return the same prior: a constant hazard has no memory."""
         return self
 
     def log_mass(self, n: NDArray[np.int64]) -> Array:
@@ -69,8 +69,8 @@ class Refractory:
     """Constant hazard 1/mean_samples, but a `share` of that for the first `early` samples of a segment.
 
     No person makes two movements within one submovement of 0.2 to 0.3 s; an apparent pair is one. `single` is
-    the share after the very first sample, None for `share`: nothing that a hand does lasts one observation of
-    0.1 s. It is above 0, because a person may give two changepoints that are so close.
+    the share after the first sample, None for `share`: no action of a hand lasts one observation of 0.1 s. It
+    is above 0, because an operator may set two changepoints that are so close.
     """
 
     mean_samples: float
@@ -88,7 +88,7 @@ class Refractory:
 
     @property
     def residual(self) -> Geometric:
-        """g(early + n) / S(early): a segment that is under way has its early samples behind it."""
+        """Return the prior g(early + n) / S(early): a segment in progress has passed its early samples."""
         return Geometric(self.mean_samples)
 
     @property
@@ -117,7 +117,7 @@ class Refractory:
 
 @dataclass(frozen=True)
 class Tempered:
-    """Another prior to a power, in sums over segmentations (`SegmentModelSet.power`); not normalised."""
+    """The power of another prior, for sums over segmentations (`SegmentModelSet.power`); not normalised."""
 
     prior: Hazard
     power: float
@@ -140,7 +140,9 @@ class Tempered:
 
 @dataclass(frozen=True)
 class Uniform:
-    """Every length from 1 to longest samples is equally likely. Thesis (2.9), whose exponent is wrong."""
+    """Every length from 1 to `longest` samples has the same probability. Thesis (2.9), whose exponent is
+    wrong.
+    """
 
     longest: int
 
@@ -150,11 +152,11 @@ class Uniform:
 
     @property
     def residual(self) -> Uniform:
-        """The same prior: in the thesis the first segment begins with the recording."""
+        """Return the same prior: in the thesis the first segment begins with the recording."""
         return self
 
     def log_mass(self, n: NDArray[np.int64]) -> Array:
-        """Log g(n) = −log n_max up to n_max, nothing beyond."""
+        """Log g(n) = −log n_max up to n_max, −inf beyond."""
         return np.where(np.asarray(n) <= self.longest, -np.log(self.longest), -np.inf)
 
     def log_survival(self, n: NDArray[np.int64]) -> Array:
@@ -166,7 +168,7 @@ class Uniform:
 
 @dataclass(frozen=True)
 class NegativeBinomial:
-    """Lengths about a mean, with a mode away from 1: a movement takes its time. Fearnhead 2006.
+    """Lengths about a mean, with a mode above 1: a movement has a typical duration. Fearnhead 2006.
 
     n − 1 is negative binomial with `shape` successes; shape 1 is geometric, a larger one is more regular.
     """
@@ -182,7 +184,7 @@ class NegativeBinomial:
 
     @property
     def residual(self) -> NegativeBinomial:
-        """The same prior, as for `Uniform`."""
+        """Return the same prior, as for `Uniform`."""
         return self
 
     @property

@@ -9,8 +9,8 @@ is the evidence of observations t..n, given a segment of group j that starts at 
 
     C_j(0) = Q_j(0) / Σ_k Q_k(0),    C_j(e) = Σ_{t<e,i} C_i(t) P_i(t,e−1) g(e−t) R_ij Q_j(e) / Q_i(t)
 
-the probability that a segment of group j starts at e: thesis (2.13)–(2.18) put right, with no second prior on
-the number of changepoints. The same recursion with maximum gives the best segmentation. In sums, evidence,
+the probability that a segment of group j starts at e: thesis (2.13)–(2.18), corrected, without a second prior
+on the number of changepoints. The same recursion with maximum gives the best segmentation. In sums, evidence,
 hazard and R are to the power of the model set.
 """
 
@@ -54,7 +54,7 @@ class OfflinePosterior:
 class _Evidence:
     """Log P(t,s) for every start t: values[t][i] is that of t..t+i, (groups,), to the lattice's power.
 
-    best: the same as it is, for the maximum; kinds: (kinds,). What is not followed is not there.
+    best: the same without the power, for the maximum; kinds: (kinds,). Pruned entries are absent.
     """
 
     values: list[Array]
@@ -67,9 +67,8 @@ def segment_offline(
 ) -> OfflinePosterior:
     """Segment a whole recording at once.
 
-    prune_ratio: starts whose share of what is known so far falls below it are followed no further
-    (thesis (2.34), the right way round); 0 follows all, at quadratic cost.
-    Raises ValueError for an empty recording.
+    prune_ratio: starts whose share of the probability so far falls below it are dropped (thesis (2.34), with
+    the inequality corrected); 0 keeps all, at quadratic cost. Raises ValueError for an empty recording.
     """
     if not data:
         raise ValueError("no observations, expected at least one")
@@ -121,7 +120,7 @@ def _collect(
 
 
 class _Backward:
-    """Q, the same with maximum, and for it the length and the next group of the first segment.
+    """Q, its maximum version, and for that the length and the next group of the first segment.
 
     total, best: (n + 1, groups) log; length, after: (n, groups).
     """
@@ -148,9 +147,9 @@ class _Backward:
 
 
 def _terms(evidence: list[Array], hazard: Hazard, ahead: Array, start: int, n: int) -> Array:
-    """(lengths, groups) what each end of a segment from `start` contributes.
+    """Return (lengths, groups) the contribution of each end of a segment from `start`.
 
-    ahead: (n + 1, groups) the value of all from an observation on, by the group of the segment before.
+    ahead: (n + 1, groups) the value of all observations from one on, by the group of the segment before.
     """
     values = evidence[start]
     lengths = np.arange(1, len(values) + 1)

@@ -9,15 +9,15 @@ from dataclasses import dataclass
 class FilterParameters:
     """The bounds on the work of a filter, and its threshold for a certain changepoint.
 
-    Hypotheses below `prune_ratio` relative to the best are dropped (thesis (2.34), the right way round),
-    but never the `keep_youngest`, which have not had time to show what they are worth (a movement that has
-    just begun fits no profile yet; two seconds are one movement); at most `cap` live.
-    `window`: samples behind now over which changepoints are smoothed.
+    Hypotheses below `prune_ratio` relative to the best are dropped (thesis (2.34), with the inequality
+    corrected), but never the `keep_youngest`, whose evidence is still small (a movement that has just begun
+    fits no profile yet; two seconds are one movement); at most `cap` live. `window`: number of past samples
+    over which changepoints are smoothed.
 
     A changepoint of the best segmentation is certain when its smoothed probability, that of its neighbours
     included, passes `certain` with `certain_after` samples seen since it; 1 leaves all to coalescence. The
-    posterior is too sure while the movement that follows fits no profile yet: of what passes 0.99 (simulated
-    teacher) 6 % has gone again after 0.3 s and 33 % has moved by a sample, after 1.5 s 0.4 % and 8 %.
+    posterior is overconfident while the following movement fits no profile yet: of changepoints above 0.99
+    (simulated teacher) 6 % vanish after 0.3 s and 33 % move by a sample; after 1.5 s these are 0.4 % and 8 %.
     """
 
     prune_ratio: float = 1e-6

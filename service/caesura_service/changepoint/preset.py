@@ -1,4 +1,4 @@
-"""A preset: which kinds of segment there are, what every channel does in them, and how that is decided."""
+"""A preset: the kinds of segment, the channel models of each, and the decision parameters."""
 
 from __future__ import annotations
 
@@ -42,11 +42,12 @@ class Preset:
     `threshold` on the smoothed probability decides what is a changepoint, as in the thesis; without one the
     best segmentation does.
 
-    `unrepeated` has groups of kinds of which no two segments follow each other. `power` of the joint makes
-    stated probabilities mean what they say; it does not change the best segmentation.
+    `unrepeated` lists groups of kinds of which no two segments follow each other. `power` of the joint
+    probability calibrates the stated probabilities; it does not change the best segmentation.
 
-    `turn_share` names a movement a turning where the rotation explains it: of the squared path of a point at
-    a hand's breadth from the axis, the centre may move by this share. 0 leaves the kinds' evidence to decide.
+    `turn_share` makes a movement a turning if the rotation explains its path: the centre may move by this
+    share of the squared path of a point at a hand's breadth from the axis. With 0 the kinds' evidence
+    decides.
     """
 
     name: str
@@ -73,12 +74,12 @@ class Preset:
         torque: bool = False,
         bias_n: float = SENSOR_BIAS_N,
     ) -> SegmentModelSet:
-        """The lattice over what the session reports.
+        """Return the model set for the signals that a session reports.
 
-        Without contact the force is not looked at, and what remains is whether the arm moves. Without an
-        orientation no channel looks at the rotation, and nothing turns. Without a torque none looks at that,
-        and kinds that differ by it alone are one. bias_n [N]: scale of what free space may read. Raises
-        ValueError where nothing is left to look at.
+        Without `contact` the force is not used, and the kinds distinguish only whether the arm moves. Without
+        an orientation no channel uses the rotation, and there are no turns. Without a torque no channel uses
+        it, and kinds that differ only by it are united. bias_n [N]: scale of the force in free space. Raises
+        ValueError if no signal is left.
         """
         channels = self.channels(bias_n)
         if not orientation:
@@ -141,5 +142,5 @@ def _united(kinds: Iterable[SegmentKind]) -> tuple[SegmentKind, ...]:
 
 
 def looks_at_rotation(model: ChannelModel) -> bool:
-    """Whether a channel model needs an orientation."""
+    """Return whether a channel model needs an orientation."""
     return isinstance(model, TurnInPlace) or getattr(model, "channel", None) == "rotation"

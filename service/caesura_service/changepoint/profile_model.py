@@ -1,4 +1,4 @@
-"""Channels that go from one value to another along a profile: movements, and forces that rise or fall."""
+"""Channels that change from one value to another along a profile: movements, and forces that rise or fall."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class DisplacementPrior:
-    """Prior of how far a segment goes: normal, but not so near zero that nothing explains it.
+    """Prior of a segment's displacement: normal, except near zero, where a rest explains it.
 
-    reach [unit]: standard deviation an axis; least [unit]: what rest comes to. The density at y is that of
-    the normal, times 1 − exp(−y²/2 least²), normalised: a movement is a displacement that no resting hand
+    reach [unit]: standard deviation per axis; least [unit]: displacement of a rest. The density at y is that
+    of the normal, times 1 − exp(−y²/2 least²), normalised: a movement is a displacement that no resting hand
     makes.
     """
 
@@ -48,20 +48,21 @@ class DisplacementPrior:
 
 @dataclass(frozen=True)
 class ProfileModel:
-    """The channel goes from where the segment starts to where it is now along one profile of a library.
+    """The channel changes from its value at the segment's start to its current value along one profile of a
+    library.
 
-    y_j = y_n φ_k(j) + residual, with y counted from the segment's first sample (`origin="first"`), from
-    the sample before it (`"previous"`: nothing jumps between segments, so that a short segment explains
-    nothing for free) or from zero (`"zero"`, the thesis' force model). Second order model: thesis
-    (3.22)–(3.35). Force model: (3.36)–(3.45). As the target is the last sample (3.27), a naive evaluation
-    is linear in the segment's length; SSR_k = Σwy² − 2 y_n Σ w y_j φ_k(j) + y_n² Σ w φ_k(j)² needs only
-    running sums, w = w_k(j) being the library's precisions. They are kept of whitened values, the target
-    is not whitened.
+    y_j = y_n φ_k(j) + residual, with y counted from the segment's first sample (`origin="first"`), from the
+    sample before it (`"previous"`: values do not jump between segments, so that a short segment explains no
+    change without evidence) or from zero (`"zero"`, the thesis' force model). Second order model: thesis
+    (3.22)–(3.35). Force model: (3.36)–(3.45). As the target is the last sample (3.27), a naive evaluation is
+    linear in the segment's length; SSR_k = Σwy² − 2 y_n Σ w y_j φ_k(j) + y_n² Σ w φ_k(j)² needs only running
+    sums, w = w_k(j) being the library's precisions. They are kept of whitened values, the target is not
+    whitened.
 
-    `target` is the target's prior: its density takes the place of that of the last sample, which the
-    target explains by construction, so that a movement is not chosen where nothing moves. None leaves it
-    out, as the thesis does. `pace` [unit] weighs every step by 1 − exp(−step²/2 pace²): who moves does not
-    stand. The weight is at most 1, so that a movement is never overrated.
+    `target` is the target's prior: its density replaces that of the last sample, which the target explains by
+    construction, so that a rest is not taken for a movement. None omits it, as in the thesis. `pace` [unit]
+    weighs every step by 1 − exp(−step²/2 pace²): a moving hand does not rest. The weight is at most 1, so it
+    never favours a movement.
     """
 
     channel: Channel
@@ -81,16 +82,16 @@ class ProfileModel:
 
     @property
     def _offset(self) -> int:
-        """Index in the library of a segment's first sample."""
+        """The index in the library of a segment's first sample."""
         return int(self.origin == "previous")
 
     def empty(self) -> Rows:
-        """Rows: n, origin, y, Σwy², Σwyφ, Σ log pace."""
+        """Return empty rows: n, origin, y, Σwy², Σwyφ, Σ log pace."""
         vectors, moments = np.zeros((0, AXES)), np.zeros((0, AXES, len(self.library)))
         return np.zeros(0, np.int64), vectors, vectors, moments, moments, np.zeros(0)
 
     def extend(self, rows: Rows, observed: ModelInput) -> Rows:
-        """Take one observation."""
+        """Return the rows after one more observation."""
         z = signal(observed, self.channel)
         start = append(rows[1], origin_of(self.origin, rows, z))
         n, before, squares, moments, paced = (
@@ -113,14 +114,16 @@ class ProfileModel:
         return float(log_presence(step @ step, self.pace))
 
     def residuals(self, rows: Rows) -> Array:
-        """(h, 3, profiles) sum of squared residuals [unit²] under each profile, weighted by precision."""
+        """Return (h, 3, profiles) precision-weighted sums of squared residuals [unit²] under each profile."""
         n, _, y, squares, moments, _ = rows
         norms = self.library.sums_of_squares(n - 1 + self._offset)[:, None, :]
         y = y[:, :, None]
         return np.maximum(squares - 2.0 * y * moments + y**2 * norms, 0.0)
 
     def log_evidence(self, rows: Rows) -> Array:
-        """Return (h,) log evidence over profiles: mixture (thesis (3.39) put right), maximum as printed."""
+        """Return (h,) log evidence over profiles: mixture (thesis (3.39), corrected), or maximum as
+        printed.
+        """
         n, _, y = rows[:3]
         explained = 0 if self.target is None else 1
         last = n - 1 + self._offset - explained

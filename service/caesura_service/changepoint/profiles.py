@@ -1,9 +1,9 @@
 """Libraries of unit responses: how a movement or a force goes from 0 to 1.
 
-A library is a table over time: row j holds the value of every profile j samples after the start. The table
-grows as segments do, by doubling, and the sums of squares that the models need with it, until every profile
-has come to rest: from there on each row is the last one, and the sums go on evenly. So a segment of an hour
-needs no more room than one of minutes.
+A library is a table over time: row j holds the value of every profile j samples after the start. The table,
+with the sums of squares that models need, grows with the length of segments, by doubling, until every profile
+is at rest. From there on each row equals the last one, and the sums grow linearly. So a segment of an hour
+needs no more memory than one of minutes.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ Profile = Callable[[Array], Array]
 
 
 def overdamped(stiffness: float, damping: float, mass: float = 1.0) -> Profile:
-    """Step response of a damped second-order system with two real roots, as a function of time [s].
+    """Return the step response of a damped second-order system with two real roots, as a function of time
+    [s].
 
-    1 − e(t) with e(0) = 1 and ė(0) = 0. Thesis (3.25), (3.26), where the two coefficients stand exchanged.
+    1 − e(t) with e(0) = 1 and ė(0) = 0. Thesis (3.25), (3.26), where the two coefficients are exchanged.
     Raises ValueError where the roots are not real and distinct.
     """
     discriminant = damping**2 - 4.0 * mass * stiffness
@@ -43,7 +44,7 @@ def _overdamped(fast: float, slow: float, t: Array) -> Array:
 
 
 def minimum_jerk(duration_s: float) -> Profile:
-    """Position of the smoothest movement that takes duration_s [s]; 1 afterwards. Flash & Hogan 1985."""
+    """Return the position of the smoothest movement of duration_s [s]; 1 afterwards. Flash & Hogan 1985."""
     return partial(_minimum_jerk, duration_s)
 
 
@@ -54,7 +55,7 @@ def _minimum_jerk(duration_s: float, t: Array) -> Array:
 
 
 def lognormal(duration_s: float, width: float = 0.5) -> Profile:
-    """Position of a movement whose speed is lognormal, an early peak and a long tail. Plamondon 1995.
+    """Return the position of a movement with lognormal speed: an early peak and a long tail. Plamondon 1995.
 
     99 % of the way lie behind it after duration_s [s]; width: standard deviation of the log of time.
     """
@@ -67,7 +68,7 @@ def _lognormal(median_s: float, width: float, t: Array) -> Array:
 
 
 def first_order(rate: float) -> Profile:
-    """1 − e^(−rate t), rate [1/s]. Thesis (3.38)."""
+    """Return the profile 1 − e^(−rate t), rate [1/s]. Thesis (3.38)."""
     return partial(_first_order, rate)
 
 
@@ -92,8 +93,8 @@ def whiten(now: Array, before: Array, correlation: float) -> Array:
 class ProfileLibrary:
     """Some profiles, sampled every step_s [s] and whitened for residuals with the given correlation.
 
-    calm: how large residuals are where a profile rests, as a share of where it is fastest; between, their
-    variance goes with the square of its speed (signal-dependent noise, Harris & Wolpert 1998). 1: even.
+    calm: scale of residuals where a profile rests, relative to where it is fastest; between, their variance
+    grows with the square of its speed (signal-dependent noise, Harris & Wolpert 1998). 1: constant.
     """
 
     profiles: Sequence[Profile]
@@ -137,22 +138,24 @@ class ProfileLibrary:
         return variances
 
     def values(self, index: NDArray[np.int64]) -> Array:
-        """Value of every profile at each sample index (h,) counted from the start: (h, profiles)."""
+        """Return (h, profiles) the value of every profile at each sample index (h,) from the start."""
         row = self._reach(index)
         return self._values[row]
 
     def precisions(self, index: NDArray[np.int64]) -> Array:
-        """Weight of a squared residual at each sample index (h,): (h, profiles)."""
+        """Return (h, profiles) the weight of a squared residual at each sample index (h,)."""
         row = self._reach(index)
         return self._precisions[row]
 
     def sums_of_squares(self, index: NDArray[np.int64]) -> Array:
-        """Σφ², weighted by the precisions, over samples 0..index, for each index (h,): (h, profiles)."""
+        """Return (h, profiles) Σφ², weighted by the precisions, over samples 0..index, for each index
+        (h,).
+        """
         row = self._reach(index)
         return _continued(self._squares[row], index - row, self._values[-1] ** 2 * self._precisions[-1])
 
     def log_scales(self, index: NDArray[np.int64]) -> Array:
-        """Σ log of the residuals' scale over samples 1..index, for each index (h,): (h, profiles)."""
+        """Return (h, profiles) Σ log of the residuals' scale over samples 1..index, for each index (h,)."""
         row = self._reach(index)
         return _continued(self._log_scales[row], index - row, -0.5 * np.log(self._precisions[-1]))
 
@@ -169,5 +172,5 @@ class ProfileLibrary:
 
 
 def _continued(sums: Array, beyond: NDArray[np.int64], each: Array) -> Array:
-    """Sums (h, profiles) at the end of a table, `beyond` (h,) rows after it that add `each` (profiles,)."""
+    """Return sums (h, profiles) at a table's end, plus `beyond` (h,) rows that add `each` (profiles,)."""
     return sums + beyond[:, None] * each if beyond.any() else sums

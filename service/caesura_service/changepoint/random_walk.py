@@ -1,4 +1,4 @@
-"""A channel that stays where it is, but for steps: a hand at rest, and whatever a person does in contact."""
+"""A channel that stays constant except for steps: a hand at rest, and any force in contact."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class StudentRandomWalk:
-    """From one sample to the next the value stays, give or take a step: Student-t in three dimensions.
+    """A random walk whose steps have a Student-t distribution in three dimensions.
 
-    scale [unit]: of most steps; nu: degrees of freedom, 1 (Cauchy) lets one of a hundred be a hundred times
-    larger. A hand drifts rather than returns (Collins & De Luca 1993), and a contact is quiet but for the
-    moments in which it is made, pressed harder or let go: neither is a reason for a new segment. The scale
-    is known, so that being calmer than a hand is no evidence of anything. It turns with the base frame.
+    scale [unit]: of most steps; nu: degrees of freedom; with 1 (Cauchy) one step in a hundred is a hundred
+    times larger. A hand at rest drifts (Collins & De Luca 1993), and a contact is constant except when it
+    begins, changes or ends: neither requires a new segment. The scale is fixed, so that smaller steps are no
+    evidence. The model is invariant to rotations of the base frame.
 
-    `still` [unit] weighs every step by exp(−step²/2 still²): who moves does not rest. `presence` [unit]
-    weighs every sample by 1 − exp(−z²/2 presence²): a contact is a force all the time. Both are at most 1.
+    `still` [unit] weighs every step by exp(−step²/2 still²): a moving hand does not rest. `presence` [unit]
+    weighs every sample by 1 − exp(−z²/2 presence²): a contact always has a force. Both are at most 1.
     """
 
     channel: Channel
@@ -42,11 +42,11 @@ class StudentRandomWalk:
     presence: float = 0.0
 
     def empty(self) -> Rows:
-        """Rows: the last value, log evidence."""
+        """Return empty rows: the last value, log evidence."""
         return np.zeros((0, AXES)), np.zeros(0)
 
     def extend(self, rows: Rows, observed: ModelInput) -> Rows:
-        """Take one observation. The first of all is no step."""
+        """Return the rows after one more observation. The first observation of a recording has no step."""
         z = signal(observed, self.channel)
         before = append(rows[0], rows[0][-1] if len(rows[0]) else z)
         step2 = ((z - before) ** 2).sum(axis=1)

@@ -1,23 +1,23 @@
-"""The run-length filter on starts: which hypothesis is the current segment, now that one more sample is in.
+"""The run-length filter on starts: the probability of each start of the current segment after each sample.
 
-With L_j(s,t) the evidence of samples s..t as one segment of group j, S and g from the hazard, and R the
-log weight of a group after another (`SegmentModelSet.log_transition`). In sums all of them are taken to the
-power of the model set, in maxima as they are:
+With L_j(s,t) the evidence of samples s..t as one segment of group j, S and g from the hazard, and R the log
+weight of a group after another (`SegmentModelSet.log_transition`). In sums all of them are taken to the power
+of the model set, in maxima as they are:
 
     joint(s,t) = logsumexp_j [A_j(s) + log S(t−s) + L_j(s,t)]
     E_i(t+1)   = logsumexp_s [A_i(s) + log g(t−s+1) + L_i(s,t)]
     A_j(t+1)   = logsumexp_i [E_i(t+1) + R_ij]
 
-the growth and changepoint steps of Adams & MacKay 2007 (thesis 2.1.5, steps 3–7) written on starts instead
-of run lengths. The same with maximum in place of the sum is the MAP path (Fearnhead & Liu 2007). A backward
-pass over the evidence kept for the last `window` samples gives the smoothed changepoint probability,
-exact inside the window:
+the growth and changepoint steps of Adams & MacKay 2007 (thesis 2.1.5, steps 3–7) written on starts instead of
+run lengths. The same with maximum in place of the sum is the MAP path (Fearnhead & Liu 2007). A backward pass
+over the evidence kept for the last `window` samples gives the smoothed changepoint probability, exact inside
+the window:
 
     B_i(τ) = logaddexp( log S(t−τ) + L_i(τ,t),  logsumexp_u,j [log g(u−τ) + L_i(τ,u−1) + R_ij + B_j(u)] )
     P(changepoint at τ | x) = exp(logsumexp_j [A_j(τ) + B_j(τ)] − log Z)
 
-A constant hazard makes P(run length 0) equal 1/λ whatever the data say; only this delayed probability and
-the MAP path are informative.
+With a constant hazard P(run length 0) is 1/λ for any data; only this delayed probability and the MAP path are
+informative.
 
 A changepoint becomes final, never to be revised, in one of two ways: all living hypotheses descend from it,
 or it is certain, and the filter is conditioned on it: segments that would reach across it leave the window's
@@ -55,7 +55,7 @@ Array = NDArray[np.float64]
 
 @dataclass
 class RunLengthFilter(SmoothedProbabilities):
-    """Takes observations one by one; the same observations give the same state, bit for bit."""
+    """Processes observations one by one; the same observations give the same state, bit for bit."""
 
     lattice: SegmentModelSet
     hazard: Hazard
@@ -89,15 +89,16 @@ class RunLengthFilter(SmoothedProbabilities):
 
     @property
     def root(self) -> int:
-        """The latest start that every living hypothesis descends from."""
+        """The latest start from which all living hypotheses descend."""
         return self.root_node[0]
 
     def step(self, observed: ModelInput, boundary: bool = False, *, changepoint: bool | None = None) -> None:
-        """Take one observation. `boundary`: it follows a gap, and begins a segment that joins on to nothing.
+        """Process one observation. boundary: whether it follows a gap, so that it begins an unconnected
+        segment.
 
-        changepoint: whether a segment starts here, where that is given (a hazard of 1 or 0). What is not
-        possible, that the first one does not, is not heeded. After a gap or a known start every kind may
-        follow every other. Raises ValueError where a value is not finite; nothing has changed then.
+        changepoint: whether a segment starts at it, if known (a hazard of 1 or 0). False is ignored for the
+        first observation. After a gap or a known start every kind may follow every other. Raises ValueError
+        if a value is not finite, and then changes nothing.
         """
         check_finite(observed, self.count)
         if self.count and (boundary or changepoint):
@@ -114,10 +115,10 @@ class RunLengthFilter(SmoothedProbabilities):
             self.condition(start)
 
     def condition(self, start: int) -> None:
-        """Take it for certain that a segment starts at observation `start`; what lies before it is final.
+        """Condition on a segment that starts at observation `start`; the segments before it become final.
 
         Posterior, best segmentation and smoothed probabilities are from now on those over the segmentations
-        that have this boundary; `event_probability` remembers how probable it was. The segments before it are
+        with this boundary; `event_probability` keeps its probability before that. The segments before it are
         those of the best segmentation. Raises ValueError for a start that is final already, or out of the
         window.
         """
@@ -131,7 +132,7 @@ class RunLengthFilter(SmoothedProbabilities):
         self._smooth()
 
     def _group_before(self, start: int) -> int | None:
-        """The group of the segment that ends at a start of the best segmentation; None without one."""
+        """Return the group of the segment that ends at a start of the best segmentation; None without one."""
         return {segment.start: segment.before for segment in self.map_path()}.get(start)
 
     def _sum_from(self, start: int, before: int | None) -> None:
@@ -148,18 +149,18 @@ class RunLengthFilter(SmoothedProbabilities):
 
     @property
     def log_joint(self) -> Array:
-        """(h,) log joint of each hypothesis and everything so far."""
+        """(h,) log joint probability of each hypothesis and all observations so far."""
         return log_sum_exp(self._joint, axis=1)
 
     @property
     def _joint(self) -> Array:
-        """(h, groups) log joint of each hypothesis, by the group of its segment."""
+        """Return (h, groups) log joint probability of each hypothesis, by the group of its segment."""
         survived = log_survival(self._tempered, self.count - 1 - self.starts, self._opens)[:, None]
         return self.log_prior + survived + self.log_evidence
 
     @property
     def _opens(self) -> NDArray[np.bool_]:
-        """(h,) whether the past before the start of each hypothesis is unknown."""
+        """Return (h,) whether the past before the start of each hypothesis is unknown."""
         opens: NDArray[np.bool_] = self.starts == self.opening
         return opens
 
@@ -259,7 +260,7 @@ class RunLengthFilter(SmoothedProbabilities):
         self.ended = wanted
 
     def _settle(self) -> None:
-        """Move the root to where the ancestries of all hypotheses, the next one included, first part."""
+        """Move the root to the latest node that all hypotheses, the next one included, have in common."""
         root = node = _common_ancestor(self._nodes, self.ended)
         settled: list[PathSegment] = []
         while node != self.root_node:
@@ -269,7 +270,7 @@ class RunLengthFilter(SmoothedProbabilities):
         self.root_node = root
 
     def _certain(self) -> int | None:
-        """The latest start of the best segmentation that is certain and not yet final."""
+        """Return the latest start of the best segmentation that is certain and not yet final."""
         p = self.parameters
         oldest, youngest = self.count - p.window, self.count - 1 - p.certain_after
         starts = [segment.start for segment in self.map_path()]

@@ -1,4 +1,4 @@
-"""From the filter to segments: where they start, what they are, how sure that is."""
+"""Segments from a filter: their starts, kinds and probabilities."""
 
 from __future__ import annotations
 
@@ -54,10 +54,10 @@ class InferredSegment:
 
 
 def verdict(lattice: SegmentModelSet, ended: PathSegment, is_turn: IsTurn | None = None) -> Classification:
-    """The best kind of the group that the best segmentation has, and the probability of its name.
+    """Return the best kind in the group that the best segmentation has, and the probability of its name.
 
-    Given where the segment begins and ends, and the group of the segment before it: a kind that may not
-    follow that one has no probability, unless the best segmentation repeats it, as it may after a gap.
+    It is conditional on the segment's start and end, and on the group of the segment before: a kind that may
+    not follow that group has probability 0, unless the best segmentation repeats it, as it may after a gap.
 
     is_turn: whether a movement is a turn in place. Such a movement is named a turning, and its probability is
     that of the movement and of the turning together.
@@ -82,7 +82,7 @@ def verdict(lattice: SegmentModelSet, ended: PathSegment, is_turn: IsTurn | None
 
 
 def _shown(lattice: SegmentModelSet, ended: PathSegment, best: int, is_turn: IsTurn | None) -> SegmentKind:
-    """The kind that a segment is shown as: the best one, or the turning in place of a movement."""
+    """Return the kind that a segment is given: the best one, or turning in place for a movement."""
     kind = lattice.kinds[best]
     if is_turn is None or kind.motion != "motion" or kind.name == TURNING:
         return kind
@@ -116,10 +116,11 @@ def stretches(
     known: Mapping[int, InferredSegment] = MappingProxyType({}),
     is_turn: Callable[[int, int], bool] | None = None,
 ) -> list[InferredSegment]:
-    """The best segmentation so far, from the final segment number `first` on; or else what was `decided`.
+    """Return the segments of the best segmentation from the final segment number `first` on, or those of
+    `decided`.
 
-    known: those of an earlier look, by their start; what nothing can change any more is taken from there.
-    is_turn: whether the movement from one observation to another, the last not included, is a turn in place.
+    known: segments of an earlier call, by their start; those that can no longer change are reused. is_turn:
+    whether the movement from one observation to another, the last not included, is a turn in place.
     """
     final, growing = _ended(online, decided)
     settled, path = len(final), [*final[first:], *growing]

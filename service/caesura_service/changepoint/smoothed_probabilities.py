@@ -1,8 +1,8 @@
 """The probability that a segment starts at an observation, given the observations after it.
 
-Within the window it depends on all observations so far; behind it, it stays as it was on leaving the window.
-Where a start was taken for certain, the probabilities of INTERVAL_REACH observations to either side are
-stored as they were just before, and stay so.
+Within the window it depends on all observations so far; before it, it keeps its value from when it left the
+window. When the filter is conditioned on a start, the probabilities of INTERVAL_REACH observations to either
+side are stored as they were just before, and do not change.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ class RunLengthFilterBase:
 
     @property
     def count(self) -> int:
-        """Observations so far."""
+        """The number of observations so far."""
         return len(self._past) + self.window.size
 
     def follow(self, window: Array, count: int) -> None:
-        """Take the probabilities of the last observations, after `count` observations in all."""
+        """Store the probabilities of the last observations, after `count` observations in all."""
         leaving = count - window.size - len(self._past)
         self.leave(self.window[:leaving].tolist(), window)
 
     def leave(self, left: Iterable[float], window: Array) -> None:
-        """Take the probabilities that have left the window, and those of the observations in it."""
+        """Store the probabilities that have left the window, and those of the observations in it."""
         self._past.extend(left)
         self.window = window
 
     def decide(self, start: int) -> None:
-        """Store the probabilities around a start, which a segment has for certain from now on."""
+        """Store the probabilities around a start on which the filter is conditioned from now on."""
         first = max(start - INTERVAL_REACH, len(self._past))
         around = self.window[first - len(self._past) : start + INTERVAL_REACH + 1 - len(self._past)]
         self._undecided[start] = first, around.tobytes()
@@ -56,7 +56,7 @@ class RunLengthFilterBase:
     def probability(self, start: int, about: int | None = None) -> float:
         """Return the probability that a segment starts at observation `start`.
 
-        about: a start taken for certain; its neighbours have the probabilities stored just before that.
+        about: a conditioned start; its neighbours have the probabilities stored just before that.
         """
         return self.between(start, start, about)[0]
 
@@ -75,22 +75,26 @@ class RunLengthFilterBase:
     def stands(self, start: int) -> bool:
         """Whether later observations can no longer change the probabilities at and next to a start.
 
-        That is so once the INTERVAL_REACH observations after it are behind the window, or stored by `decide`.
+        They are fixed once the INTERVAL_REACH observations after it have left the window, or are stored by
+        `decide`.
         """
         first, packed = self._undecided.get(start, (0, b""))
         return start + INTERVAL_REACH < max(first + len(packed) // self._past.itemsize, len(self._past))
 
     def event(self, start: int, others: Collection[int] = ()) -> float:
-        """Return the probability that a segment starts here or next to it: one event, on this grid.
+        """Return the probability that a segment starts at this observation or a neighbour: one event on this
+        grid.
 
-        others: neighbours that are events of their own.
+        others: neighbours that are separate events.
         """
         first = max(start - 1, 0)
         near = self.between(first, min(start + 1, self.count - 1), about=start)
         return min(1.0, sum(p for s, p in enumerate(near, start=first) if s not in others))
 
     def everything(self, starts: Collection[int]) -> Array:
-        """(n,) at every observation; starts: those of all segments, which are events of their own."""
+        """Return (n,) the probability at every observation; starts: those of all segments, as separate
+        events.
+        """
         result = np.array([*self._past, *self.window])
         for start in self._undecided:
             for s in self._near(start, {*starts} - {start}):
@@ -102,7 +106,7 @@ class RunLengthFilterBase:
 
 
 class SmoothedProbabilities(ABC):
-    """The results that follow from a filter's log joints and smoothed probabilities, compiled or not."""
+    """The results computed from a filter's log joints and smoothed probabilities, for both filters."""
 
     lattice: SegmentModelSet
     final: FinalPath
@@ -111,7 +115,7 @@ class SmoothedProbabilities(ABC):
     @property
     @abstractmethod
     def log_joint(self) -> Array:
-        """(h,) log joint of each hypothesis and everything so far."""
+        """(h,) log joint probability of each hypothesis and all observations so far."""
 
     @abstractmethod
     def map_path(self) -> list[PathSegment]:
@@ -131,14 +135,16 @@ class SmoothedProbabilities(ABC):
 
     @property
     def smoothed(self) -> Array:
-        """(n,) smoothed probability at every observation; around a start taken for certain, that before."""
+        """(n,) smoothed probability at every observation; around a conditioned start, that before the
+        condition.
+        """
         return self._smoothing.everything({segment.start for segment in (*self.final, *self.map_path())})
 
     def changepoint_probability(self, start: int, *, about: int | None = None) -> float:
         """Return the smoothed probability that a segment starts at observation `start`.
 
-        Given everything so far while it is in the window, and as of its leaving the window after that.
-        about: a start taken for certain; its neighbours have the probabilities stored just before that.
+        It is conditional on all observations so far while it is in the window, and constant after that.
+        about: a conditioned start; its neighbours have the probabilities stored just before that.
         """
         return self._smoothing.probability(start, about)
 
@@ -151,8 +157,9 @@ class SmoothedProbabilities(ABC):
         return self._smoothing.stands(start)
 
     def event_probability(self, start: int, others: Collection[int] = ()) -> float:
-        """Smoothed probability of a start here or next to it: the same event, to the grid's resolution.
+        """Return the smoothed probability of a start here or at a neighbour: one event, at the grid's
+        resolution.
 
-        others: neighbours that are events of their own.
+        others: neighbours that are separate events.
         """
         return self._smoothing.event(start, others)

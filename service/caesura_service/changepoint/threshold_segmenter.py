@@ -1,8 +1,9 @@
 """The thesis' decision: a changepoint is where the smoothed probability is above a threshold (thesis 4.1).
 
-Neighbouring samples above it are one changepoint, at the most probable of them; what a segment between two
-changepoints is, the evidence of exactly its samples says. Unlike the best segmentation this shows
-changepoints that do not go together, and none where the probability is spread over many samples.
+Neighbouring samples above it are one changepoint, at the most probable of them; the kind of a segment between
+two changepoints follows from the evidence of its samples. Unlike the best segmentation, the result may
+contain changepoints that exclude each other, and no changepoint where the probability is spread over many
+samples.
 """
 
 from __future__ import annotations
@@ -43,10 +44,10 @@ def check_level(level: float) -> None:
 def runs_above(
     probability: ArrayLike, level: float = THRESHOLD, *, offset: int = 0, boundaries: Collection[int] = ()
 ) -> list[Run]:
-    """The changepoints in a smoothed probability (n,), whose first sample is number `offset`.
+    """Return the changepoints in a smoothed probability (n,), whose first sample is number `offset`.
 
-    boundaries: starts that a correction makes certain; each begins a run of its own.
-    Raises ValueError as `check_level`.
+    boundaries: starts that a correction makes certain; each begins a run of its own. Raises ValueError as
+    `check_level`.
     """
     check_level(level)
     p = np.asarray(probability, float)
@@ -67,10 +68,11 @@ def threshold_path(
     *,
     boundaries: Collection[int] = (),
 ) -> tuple[PathSegment, ...]:
-    """The segments between the changepoints in a smoothed probability, the first from observation 0 on.
+    """Return the segments between the changepoints in a smoothed probability, the first from observation 0
+    on.
 
-    probability: (n,) that a segment starts at each observation; boundaries: as for `runs_above`.
-    Raises ValueError where there is not one probability an observation, or as `runs_above`.
+    probability: (n,) that a segment starts at each observation; boundaries: as for `runs_above`. Raises
+    ValueError if the numbers of probabilities and observations differ, or as `runs_above`.
     """
     if np.shape(probability) != (len(data),):
         raise ValueError(f"probability is {np.shape(probability)}, expected ({len(data)},)")
@@ -83,13 +85,13 @@ def threshold_path(
 
 
 def _last_gap(start: int, boundaries: Collection[int]) -> int:
-    """The latest boundary up to a start; 0 where there is none."""
+    """Return the latest boundary up to a start; 0 if there is none."""
     return max((boundary for boundary in boundaries if boundary <= start), default=0)
 
 
 @dataclass
 class ThresholdSegmenter:
-    """`threshold_path` while observations come in: steps a filter, and keeps the evidence from each start.
+    """Computes `threshold_path` online: steps a filter, and keeps the evidence from each start.
 
     A changepoint is final once it and the samples next to it have left the filter's window.
     """
@@ -108,7 +110,7 @@ class ThresholdSegmenter:
         self._said: set[int] = set()  # starts that are given
 
     def step(self, observed: ModelInput, boundary: bool = False, *, changepoint: bool | None = None) -> None:
-        """Take one observation. Raises ValueError as `RunLengthFilter.step`."""
+        """Process one observation. Raises ValueError as `RunLengthFilter.step`."""
         if changepoint:
             self._said.add(self.online.count)
         self.online.step(observed, boundary=boundary, changepoint=changepoint)
@@ -157,7 +159,7 @@ class ThresholdSegmenter:
 class _Tape:
     """The evidence of each kind from one start on, up to every sample after it.
 
-    since: the segment may look at the last samples before its start, from this one on.
+    since: the first sample that the segment's evidence depends on, at or before its start.
     """
 
     def __init__(self, lattice: SegmentModelSet, data: Sequence[ModelInput], start: int, since: int) -> None:

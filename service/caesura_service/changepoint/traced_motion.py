@@ -22,13 +22,13 @@ class TracedMotion:
         e_t = u_t − m_{t−1},  R_t = C_{t−1}/discount,  C_t = R_t/(R_t + 1),  m_t = m_{t−1} + C_t e_t
 
     m_0 = 0 and R_1 = (speed/floor)². Every e_t/(floor √(R_t + 1)) is an isotropic Student t of its own with
-    nu degrees of freedom. The scale is the segment's: one of `scales`, all equally likely.
+    nu degrees of freedom. The scale is constant in a segment: one of `scales`, all equally likely.
 
-    `GuidedMotion` predicts each step from the last two. Where a tool sticks and slips, the last two steps say
-    nothing of the next. The mean of many steps does, so a traced line is no rest and not many movements.
+    `GuidedMotion` predicts each step from the last two. If a tool sticks and slips, the last two steps do not
+    predict the next one. The mean of many steps does, so a traced line is neither a rest nor many movements.
 
-    floor [m] a step of the errors; speed [m] a step of the velocity. away [m] weighs the way of the last
-    `away_steps` steps as in `GuidedMotion`: who traces is elsewhere by then.
+    floor: scale of the noise [m per step]; speed: scale of the velocity [m per step]. away [m] weighs the
+    displacement of the last `away_steps` steps as in `GuidedMotion`.
     """
 
     floor: float
@@ -40,12 +40,12 @@ class TracedMotion:
     away_steps: int = 3
 
     def empty(self) -> Rows:
-        """Rows: n, last positions, m, C, Σ log density of e for each scale, Σ log weight."""
+        """Return empty rows: n, last positions, m, C, Σ log density of e for each scale, Σ log weight."""
         past, densities = np.zeros((0, self.away_steps + 1, AXES)), np.zeros((0, len(self.scales)))
         return np.zeros(0, np.int64), past, np.zeros((0, AXES)), np.zeros(0), densities, np.zeros(0)
 
     def extend(self, rows: Rows, observed: ModelInput) -> Rows:
-        """Take one observation."""
+        """Return the rows after one more observation."""
         z, joins = observed.position, len(rows[0]) > 0
         n, mean, densities, weights = (append(rows[i], np.zeros(rows[i].shape[1:])) for i in (0, 2, 4, 5))
         spread = append(rows[3], self.discount * (self.speed / self.floor) ** 2) / self.discount

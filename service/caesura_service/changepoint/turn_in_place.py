@@ -1,4 +1,4 @@
-"""A turn about a fixed point: where the position goes while the orientation changes."""
+"""A turn about a fixed point: the motion of the position while the orientation changes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SMALL_ANGLE_RAD = 1e-6  # below which the series of the rotation matrix ends at 
 
 @dataclass(frozen=True)
 class TurnInPlace:
-    """The position turns about a centre that stays where it is and is unknown.
+    """The position turns about an unknown fixed centre.
 
     With the rotation exp(φ_t) from one observation to the next, E_t = exp(φ_t) − I, and the centre c,
 
@@ -43,17 +43,19 @@ class TurnInPlace:
     nu0: float = 10.0
 
     def empty(self) -> Rows:
-        """Rows: n, start, last position, last rotation, triangle, Σ log w, Σ log weight.
+        """Return empty rows: n, start, last position, last rotation, triangle, Σ log w, Σ log weight.
 
         The triangle (4, 4) is the R of a QR decomposition of all equations (E c, y)/w, with the prior's: its
-        last entry is the root of the squares that no centre explains.
+        last entry is the root of the residual sum of squares.
         """
         vectors, scalars = np.zeros((0, AXES)), np.zeros(0)
         triangles = np.zeros((0, AXES + 1, AXES + 1))
         return (np.zeros(0, np.int64), vectors, vectors, vectors, triangles, scalars, scalars)
 
     def extend(self, rows: Rows, observed: ModelInput) -> Rows:
-        """Take one observation. A segment begins at the position before its first one."""
+        """Return the rows after one more observation. A segment begins at the position before its first
+        one.
+        """
         z, rotation, joins = observed.position, observed.rotation, len(rows[0]) > 0
         before, turned = (rows[2][-1], rotation - rows[3][-1]) if joins else (z, np.zeros(AXES))
         e = rotation_matrix(turned) - np.eye(AXES)
@@ -90,10 +92,10 @@ class TurnInPlace:
 def centre_of(
     places: Sequence[Sequence[float]], turns: Sequence[Sequence[float]]
 ) -> tuple[float, float, float]:
-    """Point of a turn's axis that is nearest to where the turn begins [m].
+    """Return the point [m] of a turn's axis that is nearest to the start of the turn.
 
     places: the first position [m], then one for each of `turns`, the rotation vectors [rad] since the first.
-    Least squares over what the rotations move across the axis; without a rotation it is the first position.
+    Least squares over displacements across the axis; without a rotation it is the first position.
     """
     first = np.asarray(places[0], float)
     angle = math.sqrt(float(np.dot(turns[-1], turns[-1])))
@@ -107,7 +109,7 @@ def centre_of(
 
 
 def rotation_matrix(vector: Array) -> Array:
-    """(3, 3) of a rotation vector (3,) [rad]: Rodrigues' formula."""
+    """Return the matrix (3, 3) of a rotation vector (3,) [rad]: Rodrigues' formula."""
     angle = math.sqrt(vector @ vector)
     small = angle < SMALL_ANGLE_RAD
     first = 1.0 if small else math.sin(angle) / angle

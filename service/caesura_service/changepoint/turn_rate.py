@@ -25,9 +25,10 @@ Array = NDArray[np.float64]
 class TurnRate:
     """A weight on every step of a channel; the evidence has no density of the channel's values.
 
-    least [unit] weighs a step by 1 − exp(−step²/2 least²), and most [unit] by exp(−step²/2 most²); 0 leaves
-    the weight out. Both are at most 1, and the first observation of all has no step. The rotation is weighed
-    so: with a density of it, a movement without a rotation looks like a rest, and a rest like a turn.
+    least [unit] weighs a step by 1 − exp(−step²/2 least²), and most [unit] by exp(−step²/2 most²); 0 disables
+    the weight. Both are at most 1, and the first observation of a recording has no step. This model is used
+    for the rotation: with a density, a movement without a rotation would count as a rest, and a rest as a
+    turn.
     """
 
     channel: Channel
@@ -35,11 +36,11 @@ class TurnRate:
     most: float = 0.0
 
     def empty(self) -> Rows:
-        """Rows: the last value, Σ log weight."""
+        """Return empty rows: the last value, Σ log weight."""
         return np.zeros((0, AXES)), np.zeros(0)
 
     def extend(self, rows: Rows, observed: ModelInput) -> Rows:
-        """Take one observation."""
+        """Return the rows after one more observation."""
         z, joins = signal(observed, self.channel), len(rows[0]) > 0
         step2 = float(((z - rows[0][-1]) ** 2).sum()) if joins else 0.0
         weight = log_presence(step2, self.least) + log_absence(step2, self.most) if joins else 0.0

@@ -42,7 +42,7 @@ def take(samples: Array, plan: Array, quaternion: int, tolerance: float, taken: 
 
 
 def is_steady(samples: Array, latest: float, gap_limit_s: float) -> bool:
-    """Return whether every sample is later than the one before, and none is later by a gap."""
+    """Return whether the times increase strictly, and end at most gap_limit_s after `latest` [s]."""
     times = samples[:, 0]
     if not times.size or not (times[0] > latest and times[-1] - latest <= gap_limit_s):
         return False

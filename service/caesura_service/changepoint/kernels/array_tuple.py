@@ -1,7 +1,7 @@
-"""A tuple of arrays as one argument.
+"""Passes a tuple of arrays to compiled code as one argument.
 
-Numba takes a call's arrays apart one by one, which for a step's forty took a fifth of its time. So a step is
-given a table of where they are, and puts them together again.
+Numba unpacks each array argument of a call, which for the forty arrays of a step took a fifth of its time. So
+a step gets a table of their addresses and shapes, and rebuilds them.
 """
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call, misc, attr-defined"
@@ -25,7 +25,7 @@ WORDS = 6  # of an array in the table: where it is, and how long along each dime
 
 
 def table_of(*tuples: NamedTuple) -> NDArray[np.int64]:
-    """Return (arrays, words) address and shape of each array; valid while the contiguous arrays are kept."""
+    """Return (arrays, words) address and shape of each array; valid while the contiguous arrays exist."""
     arrays = [array for arrays in tuples for array in arrays]
     table = np.zeros((len(arrays), WORDS), np.int64)
     for row, array in zip(table, arrays, strict=True):
@@ -36,9 +36,10 @@ def table_of(*tuples: NamedTuple) -> NDArray[np.int64]:
 
 
 def unpacker(example: NamedTuple, skipped: int = 0) -> Callable[..., Any]:
-    """For compiled code: the address of a table to a tuple of arrays of the same types as the example's.
+    """Return a compiled function from the address of a table to a tuple of arrays with the types of the
+    example's.
 
-    skipped: arrays in the table before them. What of the tuple is not used costs nothing.
+    skipped: number of arrays in the table before them. Unused arrays of the tuple cost nothing.
     """
     made = numba.typeof(example)
 

@@ -1,8 +1,8 @@
-"""The channel models: all hypotheses take one observation, and return the log evidence.
+"""The compiled channel models: update all hypotheses with one observation, and compute their log evidence.
 
-Which model a channel has is a number, because compiled code cannot look up a method. Each function is the
-twin of the class that its docstring names; `fields` are what a hypothesis keeps of it. `joins` says whether
-there was an observation before this one. The hypothesis in the last place has just begun, its sums are 0.
+The model of a channel is a number, because compiled code cannot look up a method. Each function implements
+the class that its docstring names; fields are the sums that it keeps per hypothesis. `joins`: whether there
+was an observation before this one. The hypothesis in the last place has just begun, with sums of 0.
 """
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
@@ -60,7 +60,9 @@ WEIGHT, VARIANCE, INSIDE = 5, 6, 7  # rows of the work
 
 @compiled
 def take(here, c, joins):
-    """Every living hypothesis takes an observation in channel c; the evidence goes to `state.channel[c]`."""
+    """Update all living hypotheses with an observation in channel c; the evidence goes to
+    `state.channel[c]`.
+    """
     which = model_at(here).channels[c].model
     if which == PROFILED:
         profiled(here, c, joins)
@@ -84,7 +86,7 @@ def take(here, c, joins):
 
 @compiled
 def take_weighing(here, c, joins):
-    """Take an observation as `take` does, in a channel that weighs steps or starts."""
+    """Process an observation as `take` does, in a channel that weighs steps or starts."""
     which = model_at(here).channels[c].model
     if which == FRICTION:
         friction(here, c, joins)
@@ -258,7 +260,7 @@ def about_mean(squares, total_squares, totals, weights, lanes):
 
 @compiled
 def add_mean_density(here, channel, log_evidence, lanes):
-    """`mean_log_density` of the mean force, the weight of the mean itself, and absence."""
+    """Add `mean_log_density` of the mean force, the weight of the mean itself, and absence."""
     state = state_at(here)
     sums, work, at, axes = state.sums, state.work, channel.field, 2 if channel.model == LADEN else AXES
     weights, variances = sums[at + 6], work[VARIANCE]
@@ -288,7 +290,7 @@ def add_deviation(log_evidence, totals, weights, variances, lanes):
 
 @compiled
 def add_load(log_evidence, inside, totals, weights, variances, channel, lanes):
-    """The density of the force downwards, up to some logarithms of the variance. inside: scratch."""
+    """Add the density of the vertical force, up to some logarithms of the variance. inside: work array."""
     lightest, heaviest = channel.lightest, channel.heaviest
     spread, shoulders = math.log(heaviest / lightest), 1.0 / lightest + 1.0 / heaviest
     for i in range(lanes):

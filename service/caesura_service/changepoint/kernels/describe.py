@@ -1,7 +1,8 @@
-"""A lattice in the words of `layout.py`: a record a channel, and tables of all that depends on length alone.
+"""Converts a model set to the arrays of `layout.py`: a record per channel, and tables of terms that depend on
+length alone.
 
-One function a channel model. A model that has none, or an option that has no twin in `channels.py`, cannot be
-compiled: `described` says None.
+There is one function per channel model. A model without one, or with an option that `channels.py` does not
+implement, cannot be compiled (`can_compile`).
 """
 
 from __future__ import annotations
@@ -61,12 +62,12 @@ ORIGINS: Mapping[Origin, int] = {"previous": layout.PREVIOUS, "first": layout.FI
 
 
 def can_compile(lattice: SegmentModelSet) -> bool:
-    """Whether every channel model has a compiled twin."""
+    """Return whether every channel model has a compiled implementation."""
     return all(type(model) in RECORDS and _fits(model) for model in lattice.channels.values())
 
 
 def _fits(model: ChannelModel) -> bool:
-    """Whether the options of a model are within the fixed sizes of the arrays."""
+    """Return whether the options of a model fit into the fixed sizes of the arrays."""
     match model:
         case GuidedMotion() | TracedMotion():
             return len(model.scales) <= MOST_SHARES and model.away_steps < PAST
@@ -146,7 +147,7 @@ def _channels(models: Sequence[ChannelModel]) -> NDArray[Any]:
 
 
 def _stacked(models: Sequence[ProfileModel], n: Ints) -> tuple[Floats, Floats]:
-    """Each model's table up to where all profiles rest, and how it goes on."""
+    """Return each model's table up to where all profiles rest, and its continuation."""
     n = n[: 1 + max((model.library.last_row(n.size - 1) for model in models), default=0)]
     blocks = max((_blocks(model) for model in models), default=0)
     tables = np.zeros((len(models), n.size, blocks, 4, BLOCK))
@@ -317,7 +318,7 @@ def _traced(model: TracedMotion) -> Record:
 
 
 def _movement(model: GuidedMotion | TracedMotion) -> Record:
-    """Return the fields of a movement's record: of its errors a step, and of the way that it makes."""
+    """Return the fields of a movement's record: those of its noise per step, and of its displacement."""
     return {
         "signal": SIGNALS["position"],
         "nu": model.nu,
@@ -352,7 +353,7 @@ def _corner(model: CornerWeight) -> Record:
 
 
 def _padded(values: ArrayLike, room: int) -> NDArray[Any]:
-    """Return the values in an array of length `room`, with zeros behind them."""
+    """Return the values in an array of length `room`, padded with zeros."""
     given = np.asarray(values)
     padded = np.zeros(room, given.dtype)
     padded[: given.size] = given

@@ -1,7 +1,7 @@
-"""Logarithm and exponential that a compiler can do four at a time, to within two units in the last place.
+"""Logarithm and exponential that a compiler can vectorise, to within two units in the last place.
 
-A call of the C library's is one number at a time. The polynomials and reductions are those of FreeBSD's msun
-(`e_log.c`, `e_exp.c`), without branches.
+A call of the C library processes one number at a time. The polynomials and reductions are those of FreeBSD's
+msun (`e_log.c`, `e_exp.c`), without branches.
 """
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call, misc, call-arg"
@@ -29,7 +29,7 @@ LEAST = -700.0  # exp of anything below is nothing
 
 @intrinsic
 def bits_of(_context, value):
-    """The 64 bits of a floating-point number, as an integer."""
+    """Return the 64 bits of a floating-point number as an integer."""
 
     def generate(_context, builder, _signature, arguments):
         return builder.bitcast(arguments[0], ir.IntType(64))
@@ -39,7 +39,7 @@ def bits_of(_context, value):
 
 @intrinsic
 def float_of(_context, bits):
-    """The floating-point number with these 64 bits."""
+    """Return the floating-point number with these 64 bits."""
 
     def generate(_context, builder, _signature, arguments):
         return builder.bitcast(arguments[0], ir.DoubleType())
@@ -48,7 +48,9 @@ def float_of(_context, bits):
 
 
 def _extreme(name):
-    """The larger or smaller of two numbers, neither nan, as a compiler can take it over a whole vector."""
+    """Return a function for the larger or smaller of two numbers, neither nan, that a compiler can
+    vectorise.
+    """
 
     @intrinsic
     def extreme(_context, first, second):
@@ -69,7 +71,7 @@ larger, smaller = _extreme("llvm.maxnum"), _extreme("llvm.minnum")
 
 @inlined
 def log(x):
-    """Natural logarithm of a normal number above 0."""
+    """Return the natural logarithm of a normal number above 0."""
     shifted = bits_of(x) + (ONE_BITS - HALF_ROOT2_BITS)
     exponent = float_of((shifted >> 52) | WHOLE_BITS) - (WHOLE + 1023.0)
     f = float_of((shifted & MANTISSA) + HALF_ROOT2_BITS) - 1.0
@@ -87,21 +89,21 @@ def log(x):
 
 @inlined
 def exp_of_negative(x):
-    """Exponential of a number of at most about 0; 0 where it is below `LEAST`."""
+    """Return the exponential of a number of at most about 0; 0 below `LEAST`."""
     power, rest = exp_in_parts(max(x, LEAST))
     return power + power * rest if x >= LEAST else 0.0
 
 
 @inlined
 def share_missing(x):
-    """1 − exp(−x) of a number of at least 0, as exact for the smallest."""
+    """Return 1 − exp(−x) of a number of at least 0, also accurate for small numbers."""
     power, rest = exp_in_parts(max(-x, LEAST))
     return (1.0 - power) - power * rest
 
 
 @inlined
 def exp_in_parts(x):
-    """A power of two and the exponential, less 1, of at most half a log 2."""
+    """Return 2^k and exp(r) − 1 with x = k log 2 + r and |r| at most half a log 2."""
     shifted = x * LOG2_E + SHIFTER
     k = shifted - SHIFTER
     high = x - k * LN2_HIGH
@@ -132,14 +134,14 @@ def logarithms(values, n):
 
 @compiled
 def exponentials(values, peak, n):
-    """exp(value − peak) of the first n numbers, in their place; none is more than the peak."""
+    """Replace the first n numbers by exp(value − peak); no number exceeds the peak."""
     for i in range(n):
         values[i] = exp_of_negative(values[i] - peak)
 
 
 @compiled
 def log_sum_exp(values, n):
-    """`evidence.log_sum_exp` of the first n numbers."""
+    """Return `evidence.log_sum_exp` of the first n numbers."""
     peak = most_of(values, n)
     return peak if peak == -math.inf else peak + math.log(total_of_exponentials(values, peak, n))
 
@@ -178,7 +180,7 @@ def total_of_exponentials(values, peak, n):
 
 @reducing
 def most_of(values, n):
-    """The largest of the first n numbers, -inf of none."""
+    """Return the largest of the first n numbers; -inf of none."""
     most = -math.inf
     for i in range(n):
         most = larger(most, values[i])

@@ -1,13 +1,13 @@
 """The arrays of the compiled filter.
 
-Living hypotheses stand in places, oldest first and without a gap, so that a loop takes several at a time;
-places behind them are undefined. A hypothesis' sums over profiles are too many to move up when another
-one goes: they stay in its slot. A node is the past of a start: the node to which the best segmentation before
-it goes back, and the segment in between. Living hypotheses, the next one, and later nodes refer
-to it; a node without a reference is free. The root is the node that all of them descend from. A hypothesis is
-a start with a group of kinds; each group descends from a node of its own.
+Living hypotheses occupy the first places, oldest first and without a gap, so that loops can be vectorised;
+later places are undefined. A hypothesis' sums over profiles are too many to move when another one is dropped:
+they stay in its slot. A node is the past of a start: its parent node in the best segmentation, and the
+segment in between. Living hypotheses, the next one, and later nodes refer to it; a node without a reference
+is free. The root is the node from which all of them descend. A hypothesis is a start with a group of kinds;
+each group has its own node.
 
-The data of an observation in the window stand in row or column (observation mod w).
+The data of an observation in the window are in row or column (observation mod w).
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ COUNTERS = np.dtype(
 
 
 class Model(NamedTuple):
-    """The constants of the filter; only the tables grow, as segments do."""
+    """The constants of the filter; only the tables grow, with the length of segments."""
 
     settings: NDArray[Any]  # (1,) SETTINGS
     channels: NDArray[Any]  # (c,) CHANNEL
@@ -295,7 +295,7 @@ def whole(n: int) -> int:
 
 
 def _zeros(shape: tuple[int, ...]) -> Floats:
-    """Return an array of zeros that begins at a vector's and cache line's boundary."""
+    """Return an array of zeros aligned to a vector and a cache line."""
     size = int(np.prod(shape))
     memory = np.zeros(size + VECTOR)
     first = -(memory.ctypes.data // memory.itemsize) % VECTOR
@@ -303,7 +303,7 @@ def _zeros(shape: tuple[int, ...]) -> Floats:
 
 
 def with_more_nodes(state: State) -> State:
-    """Return the state with twice the room for nodes."""
+    """Return the state with twice the capacity for nodes."""
     return state._replace(
         **{
             name: np.concatenate([array, np.full_like(array, -1)])

@@ -1,7 +1,7 @@
-"""`GuidedMotion` and `CornerWeight`: sums over steps, and what the path before a start and after it are like.
+"""`GuidedMotion` and `CornerWeight`: sums over steps, and the shape of the path before and after a start.
 
-The steps are the same for every hypothesis. Only the youngest differ: their velocity before the start is 0,
-their noise has a burst, and their corner may still change.
+The steps are the same for every hypothesis. Only the youngest hypotheses differ: their velocity before the
+start is 0, their first steps have additional noise, and their corner weight may still change.
 """
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
@@ -147,14 +147,14 @@ def corner(here, c):
 
 @compiled
 def squared_steps(squared, past, first):
-    """Squared lengths [unit²] of the last steps, the last of all first; first: column of the values."""
+    """Compute squared lengths [unit²] of the last steps, the newest first; first: column of the values."""
     for back in range(1, past.shape[0]):
         squared[back - 1] = step_squared_at(past, back, first)
 
 
 @compiled
 def step_squared_at(past, back, first):
-    """Squared length of the last step, or of one before it; first: column of the values."""
+    """Return the squared length of the last step, or of an earlier one; first: column of the values."""
     last = past.shape[0] - back
     total = 0.0
     for a in range(first, first + AXES):
@@ -173,7 +173,7 @@ def largest(values, first, last):
 
 @compiled
 def corner_weight(past, squared, age, chord, reach, channel):
-    """`CornerWeight._log_weight`. squared: of `squared_steps`."""
+    """Return `CornerWeight._log_weight`. squared: from `squared_steps`."""
     peak2 = min(largest(squared, 0, age), largest(squared, age + 1, age + 1 + reach))
     last, first = past.shape[0] - 1, column(channel)
     start = last - age
@@ -200,7 +200,9 @@ def corner_weight(past, squared, age, chord, reach, channel):
 
 @compiled
 def straightness(chord_length, squared, first, last, channel):
-    """Near 1 where a way is straight, near 0 where it is curved; first, last: its steps in `squared`."""
+    """Return a factor near 1 for a straight section, near 0 for a curved one; first, last: its steps in
+    `squared`.
+    """
     way = 0.0
     for back in range(first, last):
         way += math.sqrt(squared[back])
@@ -209,5 +211,5 @@ def straightness(chord_length, squared, first, last, channel):
 
 @compiled
 def logistic(x):
-    """1/(1 + exp(−x))."""
+    """Return 1/(1 + exp(−x))."""
     return 1.0 / (1.0 + math.exp(-min(max(x, -MOST), MOST)))

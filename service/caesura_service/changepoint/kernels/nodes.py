@@ -1,4 +1,4 @@
-"""Nodes: which segmentation each hypothesis goes back to, kept for as long as anything refers to it."""
+"""Nodes: the best segmentation before each hypothesis, with reference counts."""
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
@@ -9,14 +9,14 @@ from caesura_service.numba_support.decorators import compiled
 
 @compiled
 def copy(target, source):
-    """One row to another; an assignment would allocate, lest they overlap."""
+    """Copy one row to another; an assignment would allocate memory in case they overlap."""
     for i in range(target.size):
         target[i] = source[i]
 
 
 @compiled
 def release(here, node):
-    """One reference less; a node without one is free, and its parent has one less. The root stays."""
+    """Decrease a node's reference count; at 0 free it and release its parent. The root stays."""
     state = state_at(here)
     if node == FREE:
         return
@@ -50,7 +50,7 @@ def new_node(here, start, parent, group, kinds):
 
 @compiled
 def node_at(here, start, group):
-    """The node of a start after a segment of this group; FREE without one."""
+    """Return the node of a start after a segment of this group; FREE without one."""
     state = state_at(here)
     for node in range(state.node_start.shape[0]):
         if state.node_start[node] == start and state.node_group[node] == group:
@@ -60,7 +60,9 @@ def node_at(here, start, group):
 
 @compiled
 def node_made(here, nodes, i):
-    """The node that an earlier group of the next start has after the same segment; FREE without one."""
+    """Return the node that an earlier group of the next start has after the same segment; FREE without
+    one.
+    """
     before, node = state_at(here).next_before, FREE
     for other in range(i):
         if before[other] == before[i] and nodes[other] != FREE:
@@ -70,7 +72,7 @@ def node_made(here, nodes, i):
 
 @compiled
 def refer(here, node):
-    """One reference more; returns the node."""
+    """Increase the node's reference count; return the node."""
     state = state_at(here)
     if node != FREE:
         state.node_references[node] += 1
@@ -79,7 +81,7 @@ def refer(here, node):
 
 @compiled
 def settle(here):
-    """Move the root to where the ancestries of all hypotheses, the next one included, first part."""
+    """Move the root to the latest node that all hypotheses, the next one included, have in common."""
     state = state_at(here)
     me = state.counters[0]
     while state.node_references[me.root] == 1:

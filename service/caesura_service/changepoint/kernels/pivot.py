@@ -1,4 +1,4 @@
-"""`TurnInPlace`: a linear regression on the centre of a turn, as the triangle of a QR decomposition."""
+"""`TurnInPlace`: a linear regression on the centre of a turn, by the triangle of a QR decomposition."""
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
@@ -30,7 +30,7 @@ def pivot(here, c):
 
 @compiled
 def begin(sums, newborn, place, channel):
-    """A segment that begins at a place: its triangle is the prior's."""
+    """Initialise a segment that begins at a place with the triangle of the prior."""
     sums[:, newborn] = 0.0
     for a in range(AXES):
         sums[START + a, newborn] = place[a]
@@ -40,7 +40,7 @@ def begin(sums, newborn, place, channel):
 
 @compiled
 def add_step(sums, work, past, channel, lanes):
-    """One more observation: three equations to each triangle."""
+    """Add the three equations of one more observation to each triangle."""
     last = past.shape[0] - 1
     x, y, z = past[last - 1, 0], past[last - 1, 1], past[last - 1, 2]
     u = past[last, 3] - past[last - 1, 3]
@@ -75,7 +75,7 @@ def add_step(sums, work, past, channel, lanes):
 
 @compiled
 def rotate(sums, work, k, lanes):
-    """Givens' rotation of an equation with row k of each triangle: coefficient k becomes 0."""
+    """Apply a Givens rotation of an equation with row k of each triangle, so that coefficient k becomes 0."""
     at = DIAGONAL[k]
     for i in range(lanes):
         diagonal, coefficient = sums[at, i], work[ROW + k, i]
@@ -90,7 +90,7 @@ def rotate(sums, work, k, lanes):
 
 @compiled
 def rotation_less_identity(u, v, w, first, second):
-    """(9,) E row by row: first [φ]× + second [φ]×² of φ = (u, v, w)."""
+    """Return (9,) E row by row: first [φ]× + second [φ]×² of φ = (u, v, w)."""
     angle2 = u * u + v * v + w * w
     return (
         second * (u * u - angle2),
@@ -107,7 +107,7 @@ def rotation_less_identity(u, v, w, first, second):
 
 @compiled
 def regress(here, channel, sums, evidence):
-    """`TurnInPlace.log_evidence`; `fill_length` has put what depends on length alone into the work."""
+    """Compute `TurnInPlace.log_evidence`; `fill_length` has stored the terms that depend on length alone."""
     state = state_at(here)
     work, lanes = state.work, whole(state.counters[0].living)
     x, y, z = DIAGONAL

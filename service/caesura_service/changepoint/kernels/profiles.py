@@ -1,8 +1,8 @@
-"""`ProfileModel`: sums over a library's profiles, and what the best or all of them leave unexplained.
+"""`ProfileModel`: sums over a library's profiles, and the residuals of the best or of all of them.
 
-The sums of a hypothesis stand together, profile by profile, and are worked on in blocks: a loop of known
-length takes half as long as one of any. What there is one of for a hypothesis is worked on in loops over
-hypotheses before and after that.
+The sums of a hypothesis are contiguous, profile by profile, and are processed in blocks: a loop of fixed
+length takes half the time of one of variable length. Values that exist once per hypothesis are processed in
+loops over hypotheses before and after that.
 """
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
@@ -94,7 +94,7 @@ def add_target(here, channel, evidence):
 
 @compiled
 def present(presence, moved2, narrow, lanes):
-    """Compute the weight of having moved, 1 − exp(−narrow · moved²), of each hypothesis."""
+    """Compute the weight of a displacement, 1 − exp(−narrow · moved²), of each hypothesis."""
     for i in range(lanes):
         presence[i] = max(share_missing(narrow * moved2[i]), TINY)
 
@@ -140,7 +140,7 @@ def accumulate_least(moments, values, norms, new, y):
 
 @compiled
 def go_on(sums, last, step, beyond):
-    """Extrapolate sums by `beyond` samples behind a table's end, where each sample adds `step`."""
+    """Extrapolate sums by `beyond` samples after a table's end, where each sample adds `step`."""
     for k in range(BLOCK):
         sums[k] = last[k] + beyond * step[k]
 
@@ -177,7 +177,7 @@ def multiply(values, factor, lanes):
 
 @compiled
 def explain_all(here, channel):
-    """Log evidence over all profiles and shares as a sum of peaks and a product of sums over them."""
+    """Compute the log evidence over all profiles and shares from a sum of peaks and products of sums."""
     model, state = model_at(here), state_at(here)
     end, before = model.profiles.shape[1] - 1, 0 if channel.origin == PREVIOUS else 1
     halves = 0.5 * channel.pooled
@@ -280,7 +280,10 @@ def weigh_each(evidence, residuals, scales, prior, constant, half):
 
 @compiled
 def over_profiles(here, channel, place, peak):
-    """Mixture or maximum over profiles and shares of a group; `log_evidence`: (blocks · shares, profiles)."""
+    """Return the mixture or maximum over profiles and shares of a group.
+
+    `log_evidence`: (blocks · shares, profiles).
+    """
     state, total = state_at(here), 0.0
     if not channel.maximum:
         for i in range(channel.blocks * channel.shares):
@@ -295,7 +298,7 @@ def over_profiles(here, channel, place, peak):
 
 @reducing
 def total_of_block(evidence, peak):
-    """Σ exp(`evidence` − peak)."""
+    """Return Σ exp(`evidence` − peak)."""
     total = 0.0
     for k in range(BLOCK):
         total += exp_of_negative(evidence[k] - peak)

@@ -1,7 +1,8 @@
-"""The parts that channel models share: values from each hypothesis' origin, and evidence of squares.
+"""Common parts of channel models: displacements from each hypothesis' origin, and the evidence of squared
+residuals.
 
-Everything is done for all hypotheses in one loop, over whole vectors: entries past the living are
-undefined. `work` holds intermediate results; its rows are named here.
+All hypotheses are processed in one loop over whole vectors; entries after the living ones are undefined.
+`work` holds intermediate results; this module names its rows.
 """
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
@@ -46,13 +47,13 @@ def log_absence(squared, most):
 
 @compiled
 def student(constant, nu, squared, scale2):
-    """`evidence.student_log_density`; constant: what does not depend on the squared length."""
+    """Return `evidence.student_log_density`; constant: the terms that do not depend on the squared length."""
     return constant - 0.5 * (nu + AXES) * math.log1p(squared / (nu * scale2))
 
 
 @compiled
 def step_squared(here, signal, joins):
-    """Squared length of the step from the observation before; 0 where there is none."""
+    """Return the squared length of the step from the observation before; 0 without one."""
     state = state_at(here)
     total = 0.0
     if joins:
@@ -80,7 +81,9 @@ def by_length(here, c, n):
 
 @compiled
 def fill_length(here, c):
-    """Fill `work[BY_LENGTH]` with the part of each hypothesis' log evidence that its length alone sets."""
+    """Fill `work[BY_LENGTH]` with the terms of each hypothesis' log evidence that depend on its length
+    alone.
+    """
     model, state = model_at(here), state_at(here)
     groups = 1.0 if model.channels[c].joint else float(AXES)
     me, evidence = state.counters[0], state.work[BY_LENGTH]
@@ -112,7 +115,9 @@ def follow(here, channel, joins):
 
 @compiled
 def whiten(new, y, origin, z, rho, white, lanes):
-    """Compute the innovation of each hypothesis as `Noise.fresh`, the newborn one not treated apart."""
+    """Compute the innovation of each hypothesis as `Noise.fresh`, without a special case for the newborn
+    one.
+    """
     for i in range(lanes):
         now = z - origin[i]
         new[i] = (now - rho * y[i]) * white
@@ -128,9 +133,10 @@ def add_square(total, values, lanes):
 
 @compiled
 def over_axes(here, c, channel):
-    """`Noise.log_evidence` of sums of squared residuals, one a hypothesis and axis, to `state.channel[c]`.
+    """Compute `Noise.log_evidence` of sums of squared residuals by hypothesis and axis, to
+    `state.channel[c]`.
 
-    The scale is the floor's; what depends on length alone has been added.
+    The scale is the floor's; the terms that depend on length alone are already added.
     """
     state = state_at(here)
     lanes, prior = whole(state.counters[0].living), channel.nu0 * channel.floor2

@@ -1,4 +1,4 @@
-"""One step of the filter: the twin of `RunLengthFilter.step` and `RunLengthFilter.condition`."""
+"""One step of the filter: the implementation of `RunLengthFilter.step` and `RunLengthFilter.condition`."""
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
@@ -19,15 +19,15 @@ REFUSED = -2
 
 @compiled
 def step(here, boundary, changepoint):
-    """Take the observation `state.now`, of which all but the last number have to be finite.
+    """Process the observation `state.now`, all numbers of which except the last must be finite.
 
-    here: where the table of the arrays is. boundary: it follows a gap. changepoint: 1 or 0 where it is known
-    whether a segment starts here, else UNKNOWN. There has to be room for one more hypothesis and one more
-    node, and the model's tables have to reach far enough.
+    here: address of the table of arrays. boundary: whether it follows a gap. changepoint: 1 or 0 if it is
+    known whether a segment starts here, else UNKNOWN. There must be space for one more hypothesis and one
+    more node, and the model's tables must be long enough.
 
-    Returns how many segments became final, and the start that is certain now, -1 without one; REFUSED, and
-    nothing has changed, where a value is not finite. `counters.left` is the smoothed probability of what
-    left the window.
+    Returns the number of segments that became final, and the start that is certain now, -1 without one;
+    REFUSED, with no change, if a value is not finite. `counters.left` is the smoothed probability of the
+    observation that left the window.
     """
     state = state_at(here)
     me = state.counters[0]
@@ -53,7 +53,7 @@ def step(here, boundary, changepoint):
 
 @compiled
 def condition(here, start):
-    """Take it for certain that a segment starts at `start`; needs room for a node for each sample since."""
+    """Condition on a segment that starts at `start`; needs space for a node per sample since."""
     state = state_at(here)
     me = state.counters[0]
     me.settled = 0
@@ -67,7 +67,7 @@ def condition(here, start):
 
 @compiled
 def keep_from(here, start, before):
-    """Compute as `RunLengthFilter._sum_from`, and compute the joints of the remaining hypotheses."""
+    """Compute `RunLengthFilter._sum_from`, and the joint probabilities of the remaining hypotheses."""
     state = state_at(here)
     me = state.counters[0]
     sum_from(here, start, before)
@@ -83,7 +83,7 @@ def keep_from(here, start, before):
 
 @compiled
 def group_before(here, start):
-    """`RunLengthFilter._group_before`; FREE where the best segmentation has no such start."""
+    """Return `RunLengthFilter._group_before`; FREE if the best segmentation has no such start."""
     state = state_at(here)
     node = best_node(here)
     while node != state.counters[0].root and node != FREE:
@@ -95,7 +95,7 @@ def group_before(here, start):
 
 @compiled
 def drop(here, place):
-    """Remove the hypothesis in this place, and move those behind it up."""
+    """Remove the hypothesis at `place`, and move the later ones forward."""
     state = state_at(here)
     me = state.counters[0]
     me.living -= 1
@@ -121,7 +121,7 @@ def move_up(values, first, last):
 
 @compiled
 def grow(here, changepoint):
-    """Every hypothesis takes the observation, and one more starts at it."""
+    """Update every hypothesis with the observation, and add one that starts at it."""
     model, state = model_at(here), state_at(here)
     me = state.counters[0]
     joins, newborn = me.living > 0, me.living
@@ -157,13 +157,17 @@ def grow(here, changepoint):
 
 @compiled
 def opens(state, place):
-    """1 where nothing is known of what was before this hypothesis' start, else 0: a row of the hazard's."""
+    """Return the row of the hazard's tables: 1 if the past before this hypothesis' start is unknown, else
+    0.
+    """
     return 1 if state.starts[place] == state.counters[0].opening else 0
 
 
 @compiled
 def count_ages(here):
-    """Count the observations of each segment; a stepwise lattice omits the very first, which has no step."""
+    """Count the observations of each segment; with step models the first of a recording, without a step,
+    is omitted.
+    """
     model, state = model_at(here), state_at(here)
     me = state.counters[0]
     for place in range(me.living):
@@ -182,7 +186,7 @@ def forget_next(here):
 
 @compiled
 def take_next(here, place):
-    """The priors and nodes of the next start go over to the hypothesis in this place."""
+    """Move the priors and nodes of the next start to the hypothesis at `place`."""
     state = state_at(here)
     groups = state.nodes.shape[0]
     for group in range(groups):
@@ -197,7 +201,7 @@ def take_next(here, place):
 
 @compiled
 def follow_path(here, joins):
-    """Append the last position and rotation to `state.past`; the first observation fills all of it."""
+    """Append the last position and rotation to `state.past`; the first observation fills it completely."""
     state = state_at(here)
     past = state.past
     last = past.shape[0] - 1
@@ -209,7 +213,7 @@ def follow_path(here, joins):
 
 @compiled
 def weigh_kinds(here):
-    """`SegmentModelSet.kind_log_evidence` and `combine`."""
+    """Compute `SegmentModelSet.kind_log_evidence` and `combine`."""
     model, state = model_at(here), state_at(here)
     lanes, kinds, plain = whole(state.counters[0].living), state.kinds, state.plain
     for k in range(kinds.shape[0]):
@@ -228,7 +232,7 @@ def weigh_kinds(here):
 
 @compiled
 def over_groups(here, evidence, power, lanes):
-    """`SegmentModelSet.combine` of the kinds' evidence to some power."""
+    """Compute `SegmentModelSet.combine` of the kinds' evidence to some power."""
     model, state = model_at(here), state_at(here)
     kinds, total, each = state.kinds, state.work[0], state.work[1]
     evidence[:, :lanes] = -math.inf
@@ -251,7 +255,7 @@ def over_groups(here, evidence, power, lanes):
 
 @compiled
 def temper(each, values, power, lanes):
-    """`SegmentModelSet.temper` of one kind."""
+    """Compute `SegmentModelSet.temper` of one kind."""
     for i in range(lanes):
         each[i] = power * values[i]
 
@@ -272,14 +276,14 @@ def add(sums, values, lanes):
 
 @compiled
 def most(largest, values, lanes):
-    """Keep the larger of two values in each place."""
+    """Store the larger of two values at each place."""
     for i in range(lanes):
         largest[i] = max(largest[i], values[i])
 
 
 @compiled
 def beside(difference, values, largest, lanes):
-    """Subtract the largest value of each place."""
+    """Subtract the largest value at each place."""
     for i in range(lanes):
         difference[i] = values[i] - largest[i]
 
@@ -306,7 +310,7 @@ def prepare_next(here):
 
 @compiled
 def make_nodes(here):
-    """The next start's nodes, one for each group that something descends from."""
+    """Make the next start's nodes, one for each group with a descendant."""
     state = state_at(here)
     count, nodes = state.counters[0].count, state.next_nodes
     for i in range(nodes.size):
@@ -322,7 +326,7 @@ def make_nodes(here):
 
 @compiled
 def take_likeliest(here):
-    """Every group of the next start descends from the likeliest segment that ends there."""
+    """Let every group of the next start descend from the likeliest segment that ends there."""
     state = state_at(here)
     groups = state.nodes.shape[0]
     for group in range(groups):
@@ -332,7 +336,7 @@ def take_likeliest(here):
 
 @compiled
 def join(here):
-    """`RunLengthFilter.log_joint`."""
+    """Compute `RunLengthFilter.log_joint`."""
     model, state = model_at(here), state_at(here)
     me, pairs, power = state.counters[0], state.pairs, model.settings[0].power
     for place in range(me.living):
@@ -344,7 +348,7 @@ def join(here):
 
 @compiled
 def sum_pairs(here, place):
-    """The joint of a hypothesis over its groups."""
+    """Return the joint probability of a hypothesis, summed over its groups."""
     state = state_at(here)
     pairs, peak, total = state.pairs, -math.inf, 0.0
     for group in range(pairs.shape[0]):
@@ -356,7 +360,7 @@ def sum_pairs(here, place):
 
 @compiled
 def prune(here):
-    """Drop what is not worth its work, and leave the joints of the rest."""
+    """Drop hypotheses of negligible probability, and compute the joints of the others."""
     model, state = model_at(here), state_at(here)
     me, settings = state.counters[0], model.settings[0]
     join(here)
@@ -379,7 +383,7 @@ def prune(here):
 
 @compiled
 def drop_pairs(here, place, least):
-    """Follow the groups of a hypothesis no further whose joint is below this."""
+    """Drop the groups of a hypothesis whose joint probability is below `least`."""
     state = state_at(here)
     for group in range(state.nodes.shape[0]):
         if state.pairs[group, place] < least:
@@ -395,7 +399,7 @@ def drop_pairs(here, place, least):
 
 @compiled
 def certain(here):
-    """The latest start of the best segmentation that is certain and not yet final; -1 without one."""
+    """Return the latest start of the best segmentation that is certain and not yet final; -1 without one."""
     model, state = model_at(here), state_at(here)
     me, settings = state.counters[0], model.settings[0]
     oldest, youngest = me.count - settings.window, me.count - 1 - settings.certain_after
@@ -422,7 +426,7 @@ def best_node(here):
 
 @compiled
 def best_pair(here):
-    """Place and group of the last segment of the best segmentation."""
+    """Return place and group of the last segment of the best segmentation."""
     model, state = model_at(here), state_at(here)
     me = state.counters[0]
     best, chosen, of_group = -math.inf, 0, 0
@@ -437,9 +441,10 @@ def best_pair(here):
 
 @compiled
 def outline(here, path):
-    """Start, and number of the best kind of its group, of each segment of the best segmentation.
+    """Write start, and number of the best kind of its group, of each segment of the best segmentation.
 
-    path: (n, 2), one more than there are nodes; the youngest segment comes first. Returns how many there are.
+    path: (n, 2), n one more than the number of nodes; the latest segment first. Returns the number of
+    segments.
     """
     model, state = model_at(here), state_at(here)
     me = state.counters[0]
@@ -456,7 +461,7 @@ def outline(here, path):
 
 @compiled
 def best_kind(kinds, groups, group):
-    """Number of the kind of a group with most evidence, the first of several."""
+    """Return the number of the kind of a group with most evidence, the first of equal ones."""
     best = -1
     for kind in range(kinds.size):
         if groups[kind] == group and (best < 0 or kinds[kind] > kinds[best]):
@@ -466,7 +471,7 @@ def best_kind(kinds, groups, group):
 
 @compiled
 def event_probability(here, start, others):
-    """`RunLengthFilter.event_probability` of a start in the window, nothing near it being decided."""
+    """Return `RunLengthFilter.event_probability` of a start in the window with no decided start nearby."""
     state = state_at(here)
     me = state.counters[0]
     first = max(0, me.count - state.smoothed.shape[0])

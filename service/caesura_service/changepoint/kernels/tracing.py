@@ -1,4 +1,4 @@
-"""`TracedMotion`: every hypothesis follows a velocity of its own."""
+"""`TracedMotion`: every hypothesis tracks its own velocity."""
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
@@ -43,7 +43,7 @@ def traced(here, c):
 
 @compiled
 def follow_velocity(channel, past, sums, squared, widths, living):
-    """Take the last step: |e|²/(floor² (R + 1)) and R + 1 of each hypothesis, then m and C."""
+    """Process the last step: compute |e|²/(floor² (R + 1)) and R + 1 of each hypothesis, then m and C."""
     last = past.shape[0] - 1
     for i in range(living):
         spread = sums[SPREAD, i] / channel.rho if sums[SPREAD, i] > 0.0 else channel.reach2

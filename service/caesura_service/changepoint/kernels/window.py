@@ -1,10 +1,11 @@
-"""The window: the evidence of its segments, what a start taken for certain sums anew, and smoothing.
+"""The window: the evidence of its segments, the sums after a condition, and smoothing.
 
-`best_path_window.Window` goes back over the evidence in logarithms. Here probabilities do. A segment of
-group j that starts at u follows one of group i with probability E_i(u) R_ij / A_j(u) (`window_flow`). That
-one began at s with probability A_i(s) g(u−s) L_i(s,u−1) / E_i(u) (`window_shares`). Neither changes any more.
-So a segment of group i starts at s with the probability that the last one did, and for every later start u
-with that of u, times flow and share. Only the last segment's exponentials are new at each step.
+`best_path_window.Window` computes the backward pass on log evidence; this module computes it on
+probabilities. A segment of group j that starts at u follows one of group i with probability E_i(u) R_ij /
+A_j(u) (`window_flow`). That one began at s with probability A_i(s) g(u−s) L_i(s,u−1) / E_i(u)
+(`window_shares`). Both are constant from then on. So the probability that a segment of group i starts at s is
+that of the last segment, plus, for every later start u, that of u times flow and share. Only the last
+segment's exponentials are computed at each step.
 """
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
@@ -20,7 +21,7 @@ from caesura_service.numba_support.decorators import compiled
 
 @compiled
 def remember(here):
-    """`Window.remember`, before the observation is counted."""
+    """Compute `Window.remember`, before the observation is counted."""
     state = state_at(here)
     me = state.counters[0]
     now, size = me.count, state.window_evidence.shape[0]
@@ -45,7 +46,7 @@ def remember(here):
 
 @compiled
 def remember_links(here, row):
-    """The links of the next start, at this row."""
+    """Store the links of the next start in this row."""
     state = state_at(here)
     for group in range(state.next.shape[1]):
         for i in range(2):
@@ -163,7 +164,7 @@ def sum_from(here, start, before):
 
 @compiled
 def begin_anew(here, start, before):
-    """The nodes of the start; with `before` certain, every group descends from that one."""
+    """Make the nodes of the start again; with `before` known, every group descends from that one."""
     model, state = model_at(here), state_at(here)
     row, groups = start % state.window_evidence.shape[0], state.begun.shape[0]
     for group in range(groups):
@@ -206,7 +207,7 @@ def end_anew(here, start, end, group):
 
 @compiled
 def nodes_anew(here, start, end):
-    """The nodes of a later start, to `state.anew`: one for each group that something descends from."""
+    """Make the nodes of a later start, to `state.anew`: one for each group with a descendant."""
     state = state_at(here)
     size, nodes = state.window_evidence.shape[0], state.anew[end - start]
     for i in range(nodes.size):
@@ -223,7 +224,7 @@ def nodes_anew(here, start, end):
 
 @compiled
 def refer_anew(here, start):
-    """Hypotheses from `start` on, and the next one, go over to the nodes that were made."""
+    """Let hypotheses from `start` on, and the next one, refer to the new nodes."""
     state = state_at(here)
     me, anew, groups, size = (
         state.counters[0],

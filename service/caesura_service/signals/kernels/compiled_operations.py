@@ -133,7 +133,7 @@ def interpolate(samples, i, t, row):
 
 @compiled
 def average(samples, start, stop, left, right, row, following):
-    """Integrate by the trapezium rule from the left edge, whose values `row` has, to the right edge."""
+    """Replace `row`, the values at the left edge, by the mean up to the right edge (trapezium rule)."""
     if start == stop:
         for c in range(row.size):
             row[c] = 0.5 * (row[c] + following[c])

@@ -1,1 +1,1 @@
-"""The wire of Caesura: keys, messages, codec and errors. Needs pydantic, msgpack and numpy, nothing else."""
+"""The protocol of Caesura: keys, messages, codec and errors. It needs only pydantic, msgpack and numpy."""

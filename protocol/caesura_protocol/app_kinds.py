@@ -1,7 +1,7 @@
-"""The kinds of apps: one row for each, with what check, exporters, simulation and dashboard need of it.
+"""The kinds of apps: one row for each, with the facts that check, exporters, simulation and dashboard use.
 
-For people an app has its title, and its number counts from 1: `app_title`, `app_number`, `app_name`.
-On the wire and in files it has its kind, and numbers count from 0.
+Text for operators has an app's title, and its number from 1: `app_title`, `app_number`, `app_name`. Messages
+and files have its kind, and numbers from 0.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ Precondition = Literal["reachable", "in_contact", "holding", "not_holding"]
 class AppKindFacts(NamedTuple):
     """One kind of app.
 
-    title: as an operator reads it. needs: fields without which it cannot be run; what needs one takes time.
-    preconditions: what must hold before it. ports: inputs of its action in a behaviour tree.
-    travels: its flange goes from one place to another. in_contact: it keeps what the app before it touches.
+    title: text for an operator. needs: fields without which it cannot be run; a kind with one takes time.
+    preconditions: conditions that must hold before it. ports: inputs of its action in a behaviour tree.
+    travels: whether its flange moves from one place to another. in_contact: whether it keeps the contact of
+    the app before it.
     """
 
     title: str
@@ -33,17 +34,17 @@ class AppKindFacts(NamedTuple):
 
     @property
     def has_target(self) -> bool:
-        """Whether it is run towards a target."""
+        """Whether an app of this kind has a target."""
         return "target" in self.needs
 
     @property
     def presses(self) -> bool:
-        """Whether it exerts a force on what it touches."""
+        """Whether an app of this kind exerts a force on the touched object."""
         return "force" in self.needs
 
     @property
     def carries(self) -> bool:
-        """Whether something is held while it runs."""
+        """Whether the robot holds an object while the app runs."""
         return "holding" in self.preconditions
 
 
@@ -73,7 +74,7 @@ APP_KINDS: Mapping[AppKind, AppKindFacts] = MappingProxyType(
 def ends_in_contact(kind: AppKind, following: AppKind | None) -> bool:
     """Return whether a contact ends an app. following: the kind of the next app, None for the last one.
 
-    A carry sets down where the next app is in contact.
+    A carry ends in contact if the next app is in contact.
 
     >>> ends_in_contact("transport", "gripper_move"), ends_in_contact("transport", "cartesian_motion")
     (True, False)
@@ -83,7 +84,7 @@ def ends_in_contact(kind: AppKind, following: AppKind | None) -> bool:
 
 
 def app_number(index: int) -> str:
-    """The number of an app, a segment or a phase as people read it; index: from 0.
+    """Return the displayed number of an app, a segment or a phase; index: from 0.
 
     >>> app_number(0)
     '1'
@@ -92,7 +93,7 @@ def app_number(index: int) -> str:
 
 
 def app_title(kind: str) -> str:
-    """The title of a kind; a kind that is none stands as it is."""
+    """Return the title of a kind; an unknown kind is returned unchanged."""
     found = next((facts for name, facts in APP_KINDS.items() if name == kind), None)
     return kind if found is None else found.title
 
@@ -108,7 +109,7 @@ def step_title(kind: str, name: str | None, target_name: str | None) -> str:
 
 
 def app_name(index: int, kind: str) -> str:
-    """An app in a message; index: in the program, from 0.
+    """Return the text by which messages refer to an app; index: in the program, from 0.
 
     >>> app_name(1, "apply_force")
     'app 2 (apply force)'

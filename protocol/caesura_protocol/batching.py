@@ -1,7 +1,7 @@
 """Collects samples into batches of 20 per message, which quarters the cost in the service.
 
-A batch ends early before a pause that is longer than one may last. Where most of it is pauses, the times are
-not in seconds: then it is left as it is, and the service says so.
+A batch ends early before a pause longer than a batch may last. If most steps are such pauses, the times are
+not in seconds: then batches are not cut at them, and the service reports the error.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Batcher:
         return self._count
 
     def push(self, chunk: Matrix) -> list[Matrix]:
-        """Take a chunk; returns the batches that are full. Raises SourceError and takes nothing."""
+        """Append a chunk; return the full batches. Raises SourceError and then appends nothing."""
         self._check(chunk)
         if not len(chunk):
             return []
@@ -81,9 +81,9 @@ class Batcher:
 
 
 def _before_pause(times: Matrix) -> int:
-    """Return how many samples come before the first pause longer than a batch.
+    """Return the number of samples before the first pause longer than a batch.
 
-    0 if there is none, or if at least every second step is such a pause.
+    It is 0 if there is none, or if at least every second step is such a pause.
     """
     if not times[-1] - times[0] > MAX_BATCH_SPAN_S:
         return 0

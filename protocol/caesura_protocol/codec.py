@@ -1,11 +1,10 @@
-"""Messages to bytes and back. A payload is a msgpack map; its encoding names the type and major version.
+"""Encodes and decodes messages. A payload is a msgpack map; its encoding states the type and major version.
 
 >>> encode(Close(session="s1", last_seq=7)).encoding
 'application/msgpack;caesura.Close.v1'
 
-Reading checks size, version, type and the number of items before it unpacks (`payload_limits.py`), and every
-refusal is a ProtocolError that names what was found and what the limit is. Nothing here can execute what it
-reads.
+The decoder checks size, version, type and the number of items before it unpacks (`payload_limits.py`). Every
+refusal is a ProtocolError with the value and the limit. No payload can cause code to be executed.
 """
 
 from __future__ import annotations
@@ -67,7 +66,9 @@ def encode(message: Message, *, limit: int = MAX_MESSAGE_BYTES) -> Encoded:
 
 
 class PreEncoded(ABC):
-    """Messages of which some are kept as payloads of this codec, in the place of a tuple of them."""
+    """A sequence of messages, some of which are stored as payloads of this codec; it replaces a tuple of
+    them.
+    """
 
     @abstractmethod
     def __len__(self) -> int:
@@ -75,11 +76,11 @@ class PreEncoded(ABC):
 
     @abstractmethod
     def parts(self) -> Iterable[bytes | Message]:
-        """Return all messages in order; consecutive payloads are joined to one piece."""
+        """Return all messages in order; consecutive payloads are joined."""
 
 
 class _HoldsPackedError(Exception):
-    """Raised for pre-encoded messages within a message: the payload has to be joined."""
+    """A message contains pre-encoded messages, so that its payload must be joined."""
 
 
 def _fields(message: object) -> dict[str, Any]:
@@ -132,7 +133,7 @@ def _is_packed(value: object) -> bool:
 
 @cache
 def encoding_of(model: type[Message]) -> str:
-    """`application/msgpack;caesura.{Type}.v1`."""
+    """Return the encoding of a type: `application/msgpack;caesura.{Type}.v1`."""
     return f"application/msgpack;caesura.{model.type_name()}.v{MAJOR_VERSION}"
 
 
@@ -189,8 +190,8 @@ def pack_samples(
 ) -> SampleBatch:
     """Pack a matrix (n, columns) into a batch, session time [s] in its first column.
 
-    bridge: the name of the one that sends it.
-    Precision is kept, and in double every bit: `unpack_samples` gives the same times, wherever it begins.
+    bridge: name of the sending bridge. Single precision is kept, and double precision exactly:
+    `unpack_samples` returns the same times wherever a batch begins.
     """
     shifted = np.array(matrix, dtype=np.float32 if matrix.dtype == np.float32 else np.float64)
     times = matrix[:, 0].astype(np.float64)
@@ -215,8 +216,8 @@ def pack_samples(
 def unpack_samples(batch: SampleBatch) -> NDArray[np.float64]:
     """Unpack the matrix (n, columns) of a batch, session time [s] in its first column.
 
-    Raises ProtocolError `malformed` where the size does not fit, the first column is not `t`, or a value
-    is not finite (named with its row and column).
+    Raises ProtocolError `malformed` for a wrong size, a first column other than `t`, or a value that is not
+    finite, with its row and column.
     """
     cells = cells_of(batch)
     if not math.isfinite(np.vdot(cells, cells)):
@@ -228,7 +229,7 @@ def unpack_samples(batch: SampleBatch) -> NDArray[np.float64]:
 
 
 def check_finite(batch: SampleBatch, cells: NDArray[np.floating[Any]]) -> None:
-    """Raises ProtocolError `malformed` at the first of (n, columns) that is not finite."""
+    """Raise ProtocolError `malformed` for the first value of (n, columns) that is not finite."""
     finite = np.isfinite(cells)
     row, column = divmod(int(finite.argmin()), cells.shape[1])
     if not finite[row, column]:
@@ -241,13 +242,15 @@ def check_finite(batch: SampleBatch, cells: NDArray[np.floating[Any]]) -> None:
 
 
 def matrix_of(batch: SampleBatch) -> NDArray[np.float64]:
-    """Unpack as `unpack_samples` does, values unchecked. Raises ProtocolError likewise."""
+    """Unpack as `unpack_samples` does, without a check of the values. Raises ProtocolError as it does."""
     cells = cells_of(batch)
     return _matrix_of(cells, _times_of(batch, cells))
 
 
 def cells_of(batch: SampleBatch) -> NDArray[np.floating[Any]]:
-    """The numbers of a batch as they were sent, (n, columns), uncopied. Raises ProtocolError `malformed`."""
+    """Return the numbers of a batch as sent, (n, columns), without a copy. Raises ProtocolError
+    `malformed`.
+    """
     if batch.columns[0] != "t":
         raise ProtocolError("malformed", "first column is not t", value=batch.columns[0], expected="t")
     cells = batch.n * len(batch.columns)
@@ -264,7 +267,7 @@ def cells_of(batch: SampleBatch) -> NDArray[np.floating[Any]]:
 
 
 def _times_of(batch: SampleBatch, cells: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-    """Session time [s] of every sample."""
+    """Return the session time [s] of every sample."""
     with np.errstate(over="ignore"):
         times: NDArray[np.float64] = cells[:, 0].astype(np.float64) + batch.t0
     return times
@@ -277,7 +280,7 @@ def _matrix_of(cells: NDArray[np.floating[Any]], times: NDArray[np.float64]) -> 
 
 
 def signals_of(columns: Sequence[str], matrix: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Return the signals (n, c) in a matrix (n, columns) of samples; one that lacks a column is left out."""
+    """Return the signals (n, c) in a matrix (n, columns) of samples; incomplete signals are left out."""
     place = {name: index for index, name in enumerate(columns)}
     return {
         signal: matrix[:, [place[name] for name in names]]
@@ -286,7 +289,7 @@ def signals_of(columns: Sequence[str], matrix: NDArray[np.float64]) -> dict[str,
 
 
 def check_size(payload: bytes, limit: int = MAX_MESSAGE_BYTES) -> None:
-    """Raises ProtocolError `too_large` over the limit [bytes]."""
+    """Raise ProtocolError `too_large` over the limit [bytes]."""
     if len(payload) > limit:
         raise ProtocolError("too_large", "message over the size limit", value=len(payload), limit=limit)
 

@@ -1,4 +1,4 @@
-"""Columns of a sample matrix, by signal. Robots differ in their number of joints, nothing else."""
+"""Columns of a sample matrix, by signal. Robots differ only in their number of joints."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ JOINT_SIGNALS = ("q", "tau")  # with one column a joint
 
 
 def signal_columns(columns: Collection[str]) -> dict[str, tuple[str, ...]]:
-    """Return the signals that are there as a whole, each with its columns.
+    """Return the complete signals, each with its columns.
 
     >>> signal_columns(["t", "px", "py", "pz", "fx", "q1", "q2"])
     {'pos': ('px', 'py', 'pz'), 'q': ('q1', 'q2')}
@@ -32,7 +32,7 @@ def columns_of(signals: Iterable[str], joints: int) -> tuple[str, ...]:
 
 
 def missing_columns(signal: str, columns: Collection[str]) -> tuple[str, ...]:
-    """Return what a signal lacks that is there in part: nothing where it is whole, or not there at all.
+    """Return the missing columns of an incomplete signal; none if it is complete or absent.
 
     >>> missing_columns("q", ["q1", "q3"]), missing_columns("pos", ["px"]), missing_columns("tau", [])
     (('q2',), ('py', 'pz'), ())

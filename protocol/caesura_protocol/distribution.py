@@ -1,4 +1,4 @@
-"""The distribution: its name, its installed version, and how an extra of it is installed."""
+"""The distribution: its name, its installed version, and the command that installs an extra."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ PACKAGES = ("caesura_protocol", "caesura_service", "caesura_clients", "caesura_l
 def install_command(extra: str) -> str:
     """Return the command that installs an extra, for errors; it depends on how Caesura was installed.
 
-    A clone (PEP 610: `dir_info`, and a missing installation) installs itself; a wheel is named by its file or
-    address; without either the distribution's name is what pip resolved. README.md, Install, has the others.
+    For a clone (PEP 610: `dir_info`, or no installation) it installs the clone; for a wheel it names the file
+    or address; otherwise it names the distribution. README.md, Install, has the others.
     """
     installed = _installed_from()
     if installed is None:
@@ -36,7 +36,7 @@ def install_command(extra: str) -> str:
 
 
 def _installed_from() -> dict[str, Any] | None:
-    """The origin that pip recorded (PEP 610, direct_url.json); None where it came from an index."""
+    """Return the origin that pip recorded (PEP 610, direct_url.json); None for an index."""
     try:
         recorded = distribution(DISTRIBUTION).read_text("direct_url.json")
     except PackageNotFoundError:
@@ -45,7 +45,7 @@ def _installed_from() -> dict[str, Any] | None:
 
 
 def installed_version() -> str:
-    """Return the installed version; `0+unknown` where the packages are imported without an installation."""
+    """Return the installed version; `0+unknown` if the packages are imported without an installation."""
     try:
         return version(DISTRIBUTION)
     except PackageNotFoundError:
@@ -54,7 +54,7 @@ def installed_version() -> str:
 
 @contextmanager
 def import_extra(extra: str, what: object) -> Iterator[None]:
-    """Import a module of an extra. Raises SourceError, which names the extra, where it is not installed."""
+    """Import a module of an extra. Raises SourceError, which names the extra, if it is not installed."""
     try:
         yield
     except ModuleNotFoundError as error:

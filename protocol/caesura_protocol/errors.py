@@ -1,4 +1,4 @@
-"""The errors that a peer can receive. One table; a code that is not in it does not go on the wire."""
+"""The errors that a peer can receive, as one table. A code that is not in it is never sent."""
 
 from __future__ import annotations
 
@@ -29,10 +29,11 @@ ERROR_CODES: tuple[ErrorCode, ...] = get_args(ErrorCode)
 
 
 class ProtocolError(Exception):
-    """A peer's message was refused; names the offending value and the limit.
+    """A peer's message was refused; the error states the offending value and the limit.
 
-    value: what was found; limit: the bound it broke; expected: the valid alternatives; each may be None. A
-    peer may have chosen all of them and part of the message: they are cut, and the message stays on one line.
+    value: the offending value; limit: the violated bound; expected: the valid alternatives; each may be None.
+    All of them, and a part of the message, may be chosen by a peer: they are cut, and the message stays on
+    one line.
     """
 
     def __init__(
@@ -56,7 +57,7 @@ class ProtocolError(Exception):
 
 
 def shown(value: Any) -> Any:
-    """A value cut down to what an error may carry, and to what msgpack can."""
+    """Return a value reduced to a size that an error may carry, and to types that msgpack supports."""
     if isinstance(value, list):
         return [_glimpse(item) for item in value[:MAX_LISTED]]
     if isinstance(value, tuple):
@@ -65,7 +66,7 @@ def shown(value: Any) -> Any:
 
 
 def printable(text: str, most: int = MAX_SHOWN) -> str:
-    r"""The beginning of a text, on one line.
+    r"""Return the beginning of a text, on one line.
 
     >>> printable("no such thing\nERROR: all is lost", 20)
     'no such thing\\nERROR'
@@ -75,7 +76,7 @@ def printable(text: str, most: int = MAX_SHOWN) -> str:
 
 
 class _Glance(Repr):
-    """Text of the first items of a container, and of the beginning of each; of other values the type."""
+    """Text of the first items of a container, and of their beginnings; for other values the type."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -109,7 +110,7 @@ _glance = _Glance()
 
 
 def _shown_integer(value: int) -> int | str:
-    """Return an integer for which msgpack has room as it is, else text with its number of bits."""
+    """Return an integer within msgpack's range unchanged, otherwise a text with its number of bits."""
     return value if -(1 << 63) <= value < 1 << 64 else f"an integer of {value.bit_length()} bits"
 
 
@@ -124,20 +125,20 @@ def _glimpse(value: Any) -> Any:
 
 
 class CaesuraError(Exception):
-    """Something a user can act on; the message is one line and names what was found and what would do."""
+    """An error on which a user can act; the message is one line with the found and the expected value."""
 
 
 class Unreachable(CaesuraError):  # noqa: N818 - a state, and it reads better where it is caught
-    """No answer: there is no router at the endpoint, or no service behind it."""
+    """No answer: no router at the endpoint, or no service connected to it."""
 
 
 class AccessDenied(Unreachable):
-    """A router refuses the credentials, which waiting does not change."""
+    """A router rejects the credentials; waiting does not change that."""
 
 
 class NotFound(CaesuraError):  # noqa: N818
-    """A station or session that was asked for is not there; the message names those that are."""
+    """A requested station or session does not exist; the message lists the existing ones."""
 
 
 class SourceError(CaesuraError):
-    """A source delivered what cannot be sent: wrong shape, a value that is not finite, an unknown name."""
+    """A source delivered invalid data: a wrong shape, a value that is not finite, or an unknown name."""

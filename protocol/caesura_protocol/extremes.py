@@ -1,7 +1,7 @@
-"""Decimation that keeps what was measured: of each bin and column the least and the greatest sample.
+"""Decimation to extremes: the least and the greatest sample of each bin and column.
 
-Bins begin at multiples of their width (`bins_of`). Every point is a sample, at its own time. The
-bins of a finer grid make those of a coarser one exactly, so bins of a session may stand for its samples.
+Bins begin at multiples of their width (`bins_of`). Every point is a sample, at its own time. Bins of a finer
+grid combine exactly to those of a coarser one, so further decimation needs only the bins.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ ROUNDING = 1e-6  # of a bin: a time that lies before the bin's beginning by less
 class Extremes(NamedTuple):
     """Bins with at least one sample, m of them; columns c.
 
-    Where several samples share an extreme value, the first of them counts. NaN is no value.
+    If several samples share an extreme value, the first of them counts. NaN is ignored.
     """
 
     number: NDArray[np.int64]  # (m,) of the bin, ascending
@@ -44,18 +44,18 @@ def nothing(columns: int) -> Extremes:
 
 
 def bins_of(t: Array, bin_s: float) -> NDArray[np.int64]:
-    """The number of the bin (n,) in which each time [s] lies."""
+    """Return the number of the bin (n,) of each time [s]."""
     return np.floor(t / bin_s + ROUNDING).astype(np.int64)
 
 
 def extremes_of(index: NDArray[np.int64], t: Array, values: Array) -> Extremes:
-    """The extremes of samples. index, t: (n,) both ascending; values: (n, c)."""
+    """Return the extremes of samples. index, t: (n,) both ascending; values: (n, c)."""
     times = np.broadcast_to(t[:, None], values.shape)
     return _reduced(Extremes(index, times, values, times, values))
 
 
 def joined(parts: Sequence[Extremes]) -> Extremes:
-    """Return the bins of parts that follow each other; one bin that two parts share becomes one."""
+    """Return the bins of successive parts; a bin that two parts share is merged."""
     if len(parts) == 1:
         return parts[0]
     number = np.concatenate([part.number for part in parts])
@@ -69,7 +69,7 @@ def coarser(fine: Extremes, every: int) -> Extremes:
 
 
 def between(some: Extremes, first: int, last: int) -> Extremes:
-    """The bins from number `first` to `last`, both included."""
+    """Return the bins from number `first` to `last`, both included."""
     inside = slice(*np.searchsorted(some.number, (first, last + 1)))
     return _chosen(some, inside)
 
@@ -89,13 +89,13 @@ def _reduced(some: Extremes) -> Extremes:
 
 
 def _chosen(some: Extremes, which: slice) -> Extremes:
-    """Return a slice of the bins, in arrays of their own."""
+    """Return a slice of the bins, with copied arrays."""
     t_low, low, t_high, high = (part[which].copy() for part in some[1:])
     return Extremes(some.number[which].copy(), t_low, low, t_high, high)
 
 
 def points_of(some: Extremes, column: int) -> Array:
-    """The points (n, 2) of one column: time [s] and value, in the order of time."""
+    """Return the points (n, 2) of one column: time [s] and value, in the order of time."""
     one = np.stack([some.t_low[:, column], some.low[:, column]], axis=1)
     other = np.stack([some.t_high[:, column], some.high[:, column]], axis=1)
     pairs = np.where(
@@ -108,7 +108,7 @@ def points_of(some: Extremes, column: int) -> Array:
 
 
 def packed(points: Sequence[Array]) -> dict[str, Any]:
-    """The fields `counts` and `points` of a message, from the points (n, 2) of each column."""
+    """Return the fields `counts` and `points` of a message, from the points (n, 2) of each column."""
     return {
         "counts": tuple(len(one) for one in points),
         "points": b"".join(np.ascontiguousarray(one, dtype="<f8").tobytes() for one in points),
@@ -116,7 +116,7 @@ def packed(points: Sequence[Array]) -> dict[str, Any]:
 
 
 def unpack_points(recorded: RecordedSamples) -> dict[str, Array]:
-    """The points (n, 2) of each column: time [s] and value. Raises ProtocolError `malformed`."""
+    """Return the points (n, 2) of each column: time [s] and value. Raises ProtocolError `malformed`."""
     size = 16 * sum(recorded.counts)
     if len(recorded.points) != size or len(recorded.counts) != len(recorded.columns):
         raise ProtocolError(

@@ -15,7 +15,7 @@ CUT_SHARE = 1e-9  # of a force that may be missing where nothing was cut
 
 
 class ExertedForce(NamedTuple):
-    """A force of an app [N], exerted and taught. when: `before` or `after` its path; empty along it."""
+    """A force of an app [N], exerted and taught. when: `before` or `after` the app's path; empty along it."""
 
     when: str
     newton: float
@@ -28,20 +28,22 @@ class ExertedForce(NamedTuple):
 
     @property
     def is_raised(self) -> bool:
-        """Whether a rest that was taught below LEAST_PRESS_N is pressed with that or more."""
+        """Whether the force of a rest that was taught below LEAST_PRESS_N is at least that."""
         return bool(self.when) and self.newton_taught < LEAST_PRESS_N <= self.newton
 
 
 def is_press(newton: float) -> bool:
     """Return whether a force [N] is large enough for a press.
 
-    The size of a vector of LEAST_FORCE_N may be rounded down; it counts.
+    The size of a vector of LEAST_FORCE_N may be rounded down, and still counts.
     """
     return newton >= LEAST_FORCE_N * (1.0 - CUT_SHARE)
 
 
 def with_force_limit(app: App, limit_n: float) -> App:
-    """The app, exerting no more than that [N]; one that exerts less, or nothing, stays as it is."""
+    """Return the app with its forces [N] limited; an app below the limit, or without a force, is
+    unchanged.
+    """
     cut: dict[str, object] = {}
     exerted = 0.0 if app.force is None else math.hypot(*app.force)
     if app.force is not None and exerted > limit_n:
@@ -54,7 +56,7 @@ def with_force_limit(app: App, limit_n: float) -> App:
 
 
 def exerted_forces(app: App) -> Iterator[ExertedForce]:
-    """The force of an app, then those of its rests that have their own, in the order of time."""
+    """Yield the force of an app, then those of its rests with a force of their own, in time order."""
     if app.force is None:
         return
     exerted = math.hypot(*app.force)
@@ -66,9 +68,9 @@ def exerted_forces(app: App) -> Iterator[ExertedForce]:
 
 
 def force_in_words(app: App) -> str:
-    """The size of an app's force, with what was taught where a limit has changed it; empty without a force.
+    """Return text on an app's force, with the taught one if a limit has changed it; empty without a force.
 
-    What rests beside a path are pressed with stands in brackets.
+    The forces of the rests beside its path are in brackets.
     """
     path, rests = path_force_in_words(app), rests_in_words(app)
     return f"{path} ({rests})" if rests else path
@@ -85,7 +87,7 @@ def rests_in_words(app: App) -> str:
 
 
 def is_limited(app: App) -> bool:
-    """Return whether any force of an app, with those of its rests, is below the taught one."""
+    """Return whether any force of an app, including its rests, is below the taught one."""
     return any(force.is_cut for force in exerted_forces(app))
 
 

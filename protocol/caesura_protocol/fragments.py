@@ -1,8 +1,8 @@
-"""Division of results too long for one message into pieces of bytes, and their reassembly by the reader.
+"""Divides results that are too long for one message into fragments, and reassembles them in the reader.
 
-Pieces may be lost, come twice, or among those of another message on the same key: a session has two owners
-for a moment. What is held of them has a bound for each key and one for all. What the service reads never goes
-in pieces.
+Fragments may be lost, repeated, or mixed with those of another message on the same key, because a session can
+briefly have two owners. The stored bytes are limited per key and in total. Messages to the service are never
+fragmented.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ PIECE_COST = 256  # [bytes] of one beside its payload
 
 
 def fragment(message: Message) -> Iterator[Encoded]:
-    """Encode a message for the wire, in fragments where it is too long.
+    """Encode a message for the wire, in fragments if it is too long.
 
     Raises ProtocolError `too_large` over MAX_WHOLE_BYTES.
     """
@@ -44,11 +44,11 @@ class Reassembler:
 
     @property
     def unfinished(self) -> int:
-        """Messages of which pieces are missing."""
+        """The number of incomplete messages."""
         return sum(map(len, self._held.values()))
 
     def add(self, key: str, content: Encoded) -> Encoded | None:
-        """Add a fragment; return the message it completes, None while pieces are missing.
+        """Add a fragment; return the message that it completes, None while fragments are missing.
 
         Raises ProtocolError.
         """

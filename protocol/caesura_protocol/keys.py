@@ -1,4 +1,4 @@
-"""Key expressions: how they are built and how they are read back, side by side.
+"""Builds and parses key expressions.
 
 A station, session or instance name is `[a-z0-9][a-z0-9_-]{0,63}`.
 
@@ -54,36 +54,36 @@ def _name_or_wildcard(name: str, what: str) -> str:
 
 @lru_cache(_AT_HAND)
 def station_key(station: str, part: StationPart) -> str:
-    """`caesura/v1/station/{station}/{part}`; station may be `*`."""
+    """Return `caesura/v1/station/{station}/{part}`; station may be `*`."""
     return f"{ROOT}/station/{_name_or_wildcard(station, 'station')}/{part}"
 
 
 def parse_station_key(key: str) -> tuple[str, StationPart]:
-    """(station, part) of a station key. Raises ProtocolError `malformed`."""
+    """Return (station, part) of a station key. Raises ProtocolError `malformed`."""
     station, part = _split(key, "station", 2)
     return check_name(station, "station"), _part(part, get_args(StationPart))
 
 
 @lru_cache(_AT_HAND)
 def session_key(station: str, session: str, part: SessionPart) -> str:
-    """`caesura/v1/session/{station}/{session}/{part}`; station and session may be `*`."""
+    """Return `caesura/v1/session/{station}/{session}/{part}`; station and session may be `*`."""
     station, session = _name_or_wildcard(station, "station"), _name_or_wildcard(session, "session")
     return f"{ROOT}/session/{station}/{session}/{part}"
 
 
 def parse_session_key(key: str) -> tuple[str, str, SessionPart]:
-    """(station, session, part) of a session key. Raises ProtocolError `malformed`."""
+    """Return (station, session, part) of a session key. Raises ProtocolError `malformed`."""
     station, session, part = _split(key, "session", 3)
     return check_name(station, "station"), check_name(session, "session"), _part(part, get_args(SessionPart))
 
 
 def service_key(instance: str, part: ServicePart) -> str:
-    """`caesura/v1/service/{instance}/{part}`; instance may be `*`."""
+    """Return `caesura/v1/service/{instance}/{part}`; instance may be `*`."""
     return f"{ROOT}/service/{_name_or_wildcard(instance, 'instance')}/{part}"
 
 
 def parse_service_key(key: str) -> tuple[str, ServicePart]:
-    """(instance, part) of a service key. Raises ProtocolError `malformed`."""
+    """Return (instance, part) of a service key. Raises ProtocolError `malformed`."""
     instance, part = _split(key, "service", 2)
     return check_name(instance, "instance"), _part(part, get_args(ServicePart))
 
@@ -91,7 +91,7 @@ def parse_service_key(key: str) -> tuple[str, ServicePart]:
 class ReplayRange(NamedTuple):
     """Batches that a `replay` query requests: `first` to `last`, both included, at most `limit` of them.
 
-    session: name of their session; "" for the one that the bridge has.
+    session: name of their session; "" for the bridge's current one.
     """
 
     first: int
@@ -101,7 +101,7 @@ class ReplayRange(NamedTuple):
 
 
 def replay_parameters(wanted: ReplayRange) -> str:
-    """Return the text behind the `?` of a `replay` query. Zenoh separates parameters by semicolons.
+    """Return the parameters of a `replay` query, after its `?`. Zenoh separates parameters by semicolons.
 
     >>> replay_parameters(ReplayRange(first=3, last=9, limit=100, session="s1"))
     'from=3;to=9;max=100;session=s1'
@@ -111,7 +111,7 @@ def replay_parameters(wanted: ReplayRange) -> str:
 
 
 def parse_replay_parameters(parameters: str) -> ReplayRange:
-    """The range that `replay` parameters ask for; unknown ones are ignored. Raises ProtocolError `malformed`.
+    """Return the range of `replay` parameters; unknown ones are ignored. Raises ProtocolError `malformed`.
 
     >>> parse_replay_parameters("from=3;to=9;max=100")
     ReplayRange(first=3, last=9, limit=100, session='')
@@ -129,8 +129,8 @@ def parse_replay_parameters(parameters: str) -> ReplayRange:
 class SampleRange(NamedTuple):
     """Samples that a `samples` query requests.
 
-    t0, tn: [s] session time; bins: number of intervals of equal width between them, of each the extremes are
-    answered; columns: names, all if none is named.
+    t0, tn: session time [s]; bins: number of intervals of equal width between them, whose extremes are
+    returned; columns: names, all if empty.
     """
 
     t0: float
@@ -144,9 +144,10 @@ NOTHING_SAID = "nothing=said"  # of a reader's query: an instance that has nothi
 
 
 def with_nothing_said(parameters: str) -> str:
-    """Parameters of a query of a reader to which an instance says that it has nothing.
+    """Add to a query's parameters the request that an instance also replies if it has no matching content.
 
-    INFERRED_PROGRAM stands alone: an older service reads it in no other form. This one says so there too.
+    INFERRED_PROGRAM is unchanged, because an older service reads it only alone; a current one replies to it
+    too.
 
     >>> with_nothing_said("stored=4;skip=0")
     'stored=4;skip=0;nothing=said'
@@ -157,7 +158,7 @@ def with_nothing_said(parameters: str) -> str:
 
 
 def requests_nothing_said(parameters: str) -> bool:
-    """Whether parameters request that reply, which is an error to an older client.
+    """Return whether parameters request a reply without content, which would be an error to an older client.
 
     >>> requests_nothing_said("nothing=said"), requests_nothing_said("")
     (True, False)
@@ -166,10 +167,10 @@ def requests_nothing_said(parameters: str) -> bool:
 
 
 def edits_parameters(number: int) -> str:
-    """Parameters of a `snapshot` query for a version of its program, after its `?`.
+    """Return the parameters of a `snapshot` query for a version of its program, after its `?`.
 
-    It is the program with the edits that count, up to that number; with 0 it has none. An older service
-    answers with the present program, whose `edit_revision` is another.
+    The version has the effective edits up to that number; with 0 none. An older service returns the current
+    program, with another `edit_revision`.
 
     >>> edits_parameters(3)
     'edits=3'
@@ -178,7 +179,7 @@ def edits_parameters(number: int) -> str:
 
 
 def samples_parameters(wanted: SampleRange) -> str:
-    """Parameters of a `samples` query, after its `?`.
+    """Return the parameters of a `samples` query, after its `?`.
 
     >>> samples_parameters(SampleRange(0.0, 60.0, bins=1200, columns=("px", "speed")))
     'from=0.0;to=60.0;bins=1200;columns=px,speed'
@@ -188,7 +189,7 @@ def samples_parameters(wanted: SampleRange) -> str:
 
 
 def parse_samples_parameters(parameters: str) -> SampleRange:
-    """The range that `samples` parameters ask for; unknown ones are ignored.
+    """Return the range of `samples` parameters; unknown ones are ignored.
 
     Raises ProtocolError `malformed`.
 
@@ -215,7 +216,7 @@ def parse_samples_parameters(parameters: str) -> SampleRange:
 class StoredPage(NamedTuple):
     """Sessions of the journal that a `snapshot` query requests: the newest `limit` after `skip` others.
 
-    edits: the version of their programs, as of `edits_parameters`.
+    edits: the version of their programs, as in `edits_parameters`.
     """
 
     limit: int = MAX_STORED
@@ -224,7 +225,7 @@ class StoredPage(NamedTuple):
 
 
 def stored_parameters(wanted: StoredPage) -> str:
-    """Parameters of a `snapshot` query for stored sessions, after its `?`.
+    """Return the parameters of a `snapshot` query for stored sessions, after its `?`.
 
     >>> stored_parameters(StoredPage(16, skip=32))
     'stored=16;skip=32'
@@ -234,10 +235,10 @@ def stored_parameters(wanted: StoredPage) -> str:
 
 
 def parse_snapshot_parameters(parameters: str) -> tuple[StoredPage | None, int | None]:
-    """The stored sessions that `snapshot` parameters ask for, and the version of their programs.
+    """Return the stored sessions of `snapshot` parameters, and the version of their programs.
 
-    Without stored sessions they ask for those that are held, without a version for the present program.
-    Raises ProtocolError `malformed`.
+    None for stored sessions requests those in memory, None for the version the current program. Raises
+    ProtocolError `malformed`.
 
     >>> parse_snapshot_parameters("stored=4;skip=0"), parse_snapshot_parameters("edits=3")
     ((StoredPage(limit=4, skip=0, edits=None), None), (None, 3))

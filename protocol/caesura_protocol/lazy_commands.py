@@ -1,4 +1,4 @@
-"""Commands whose module is imported when they run: a list of commands, and the version, need none of them."""
+"""Commands whose module is imported only when they run, so that listing them imports none of it."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from caesura_protocol.option_words import check_finite, values_named
 
 
 class LazyCommand(TyperCommand):
-    """A command of which the name and the place are known; `load` imports the rest."""
+    """A command of which only the name and the place are known; `load` imports it."""
 
     place: ClassVar[str]
     takes_numbers: ClassVar[bool]
 
     def _summary(self) -> str:
-        """Return its line in a list of commands."""
+        """Return the command's line in a list of commands."""
         return summary_of(self.place)
 
     def _discard(self, _words: str | None) -> None:
-        """Discard the help of what stands for a function that is not imported."""
+        """Discard the help text of the placeholder function."""
 
     help = property(_summary, _discard)
 
@@ -37,7 +37,7 @@ class LazyCommand(TyperCommand):
         return typer.main.get_command(alone)
 
     def make_context(self, *args: Any, **options: Any) -> Any:
-        """Parse what was typed by the command's own options, and run that command then."""
+        """Parse the arguments with the options of the loaded command, which then runs."""
         with values_named():
             context = self.load().make_context(*args, **options)
             check_finite(context)
@@ -47,8 +47,8 @@ class LazyCommand(TyperCommand):
 def add_command(app: typer.Typer, name: str, place: str, *, takes_numbers: bool = False) -> None:
     """Add a command. place: `module:function`.
 
-    takes_numbers: whether its arguments may be negative. What looks like an option and is none is then an
-    argument too, which the command has to refuse.
+    takes_numbers: whether its arguments may be negative. An unknown option is then an argument too, which the
+    command must refuse.
     """
     named = {"place": place, "takes_numbers": takes_numbers}
     app.command(name, cls=type("LazyCommand", (LazyCommand,), named))(_no_options)
@@ -68,4 +68,4 @@ def summary_of(place: str) -> str:
 
 
 def _no_options() -> None:
-    """Stand for a function that is not imported."""
+    """Placeholder of a function that is not imported."""

@@ -1,4 +1,4 @@
-"""Numbers in messages: a message stays short, whatever number a sender states, and counts as people do."""
+"""Formats numbers in messages: short for any number that a sender states, and with correct plurals."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ HISSING = ("s", "x", "ch", "sh")  # ends of nouns whose plural has a syllable mo
 
 
 def counted(number: int, noun: str) -> str:
-    """Return a number and what it counts, in the plural unless it is 1. noun: in the singular.
+    """Return a number with a noun, in the plural unless it is 1. noun: in the singular.
 
     >>> counted(1, "gap"), counted(0, "via point"), counted(2, "batch")
     ('1 gap', '0 via points', '2 batches')
@@ -18,7 +18,7 @@ def counted(number: int, noun: str) -> str:
 
 
 def fixed(value: float, decimals: int) -> str:
-    """A number with so many decimals; one of more than 12 digits before them has an exponent.
+    """Return a number with `decimals` decimals; with more than 12 digits before them, with an exponent.
 
     >>> fixed(12.345, 1), fixed(-1e308, 2), fixed(float("nan"), 2)
     ('12.3', '-1e+308', 'nan')
@@ -27,7 +27,7 @@ def fixed(value: float, decimals: int) -> str:
 
 
 def reads_above(value: float, limit: float, decimals: int) -> bool:
-    """Whether a number is above a limit as people read the two: more than by the rounding of what is shown.
+    """Return whether a number exceeds a limit by more than the rounding of the displayed values.
 
     >>> reads_above(2.0039, 2.0, 1), reads_above(1.951, 1.949, 1), reads_above(2.06, 2.0, 1)
     (False, False, True)
@@ -37,7 +37,7 @@ def reads_above(value: float, limit: float, decimals: int) -> bool:
 
 
 def interval(first: float, last: float, decimals: int, between: str = "–") -> str:
-    """Two numbers as a range, or one where they read the same: an interval of no length.
+    """Return two numbers as a range, or one number if both have the same text.
 
     >>> interval(6.5, 7.25, 1), interval(6.5, 7.25, 1, " to "), interval(6.5, 6.52, 1)
     ('6.5–7.2', '6.5 to 7.2', '6.5')

@@ -1,4 +1,4 @@
-"""Refusals of option values: each names what was typed and what is expected, with both limits."""
+"""Texts for refused option values: the typed value, the expected one, and both limits."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import typer
 
 @contextmanager
 def values_named() -> Iterator[None]:
-    """Name the value and its limits where typer refuses a value by pydantic, which names one limit alone."""
+    """Name the value and both limits if typer refuses a value; pydantic's text has only one limit."""
     try:
         yield
     except typer.BadParameter as refusal:
@@ -23,7 +23,7 @@ def values_named() -> Iterator[None]:
 
 
 def check_finite(context: typer.Context) -> None:
-    """Refuse a number that is infinite or none where the option has limits. Raises typer.BadParameter."""
+    """Refuse an infinite number or nan for an option with limits. Raises typer.BadParameter."""
     for param in context.command.params:
         ends = [getattr(param, end, None) for end in ("min", "max")]
         value = context.params.get(param.name or "")
@@ -33,7 +33,7 @@ def check_finite(context: typer.Context) -> None:
 
 
 def _in_words(finding: dict[str, Any], low: float | None, high: float | None) -> str:
-    """State a finding of pydantic about a value that was typed."""
+    """Return text on pydantic's finding about a typed value."""
     kind, _, why = str(finding["type"]).partition("_")
     if kind == "value":
         return str(finding["msg"]).removeprefix("Value error, ")
@@ -44,7 +44,7 @@ def _in_words(finding: dict[str, Any], low: float | None, high: float | None) ->
 
 
 def limits(low: float | None, high: float | None) -> str:
-    """The limits of a number behind its noun.
+    """Return text on the limits of a number, to follow its noun.
 
     >>> limits(1, 65535), limits(0.1, None), limits(None, 5), limits(None, None)
     (' from 1 to 65535', ' of 0.1 or more', ' of 5 or less', '')

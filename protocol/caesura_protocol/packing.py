@@ -1,4 +1,4 @@
-"""Packing with msgpack; a thread keeps its packer, since a new one allocates a buffer for every message."""
+"""Packing with msgpack, with one packer per thread: a new one allocates a buffer for every message."""
 
 from __future__ import annotations
 

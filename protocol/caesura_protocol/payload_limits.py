@@ -1,14 +1,14 @@
 """Limits on the size and structure of a payload by message type, checked before it is unpacked.
 
-A byte can be an item of msgpack, and an item an object and a validation error: unchecked, a megabyte of them
-holds the interpreter for seconds and takes a gigabyte. So what a station can send has few items, and they are
-counted first, without unpacking them. Bytes that are not binary are few as well, because one wide character
-makes a text four times as long. Refusing such a message takes less than a millisecond and less than a
-megabyte beside the payload, for all that `tests/bench/refusal_cost.py` puts into it.
+Each byte can be an item of msgpack, and each item an object and a validation error. Without a check, a
+megabyte of them blocks the interpreter for seconds and uses a gigabyte. So messages of a station may have few
+items, which are counted first, without unpacking them. Bytes that are not binary are limited as well, because
+one wide character makes a text four times as long. Refusing any message of `tests/bench/refusal_cost.py`
+takes less than a millisecond, and less than a megabyte besides the payload.
 
-Results may be as long as a demonstration. They are unpacked once all of their bytes are known to be there,
-because an array is allocated as its header claims; they hold no more containers than a sound one of their
-length; and validation ends at the first item that is wrong. So refusing one costs no more than reading one.
+Results may be as long as a demonstration. They are unpacked only if all of their bytes are present, because
+an array is allocated by the length in its header. They may have at most as many containers as a valid one of
+their length, and validation ends at the first error. So refusing one costs no more than reading one.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def unpacked(payload: bytes, bounds: Bounds) -> Any:
 
 
 def _unpacked_long(payload: bytes) -> Any:
-    """Unpack the payload of a result, with as many containers as its length has room for."""
+    """Unpack the payload of a result, with a limit on containers that follows from its length."""
     counting = _counting(SHORT + len(payload) // PER_CONTAINER)
     return msgpack.unpackb(
         payload,
@@ -128,12 +128,12 @@ def _unpacked_long(payload: bytes) -> Any:
 
 
 def _no_extension(code: int, _: bytes) -> None:
-    """Refuse a msgpack extension: no message has one, and each would be an object that nothing counts."""
+    """Refuse a msgpack extension: no message has one, and they would not be counted."""
     raise ProtocolError("malformed", "an extension", value=code)
 
 
 def _counting(limit: int) -> Callable[[Any], Any]:
-    """A hook for every container that was unpacked. Raises ProtocolError `malformed` past the limit."""
+    """Return a hook that counts unpacked containers. Raises ProtocolError `malformed` past the limit."""
     containers = count(1)
 
     def count_items(container: Any) -> Any:
@@ -145,10 +145,10 @@ def _counting(limit: int) -> Callable[[Any], Any]:
 
 
 def _check_items(payload: bytes, bounds: Bounds) -> None:
-    """Go over all of a payload without making anything of it.
+    """Count the items of a payload without unpacking them.
 
-    Raises ProtocolError `malformed` at the header that claims too much; ValueError, IndexError or
-    UnpackException where it is no msgpack, or not all of it is there.
+    Raises ProtocolError `malformed` at a header over the limits; ValueError, IndexError or UnpackException if
+    the payload is not msgpack, or incomplete.
     """
     size = len(payload)
     unpacker = msgpack.Unpacker(max_buffer_size=size, read_size=size)

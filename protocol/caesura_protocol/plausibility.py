@@ -1,9 +1,9 @@
 """Plausibility of units: whether samples in the declared units can come from a robot.
 
-One table of checks. Each measures one number of a recording, or of the first second of a stream, and
-compares it with a limit that no robot arm exceeds. Statistics are robust: a few wild samples refuse nothing.
-Limits have a margin: a value beyond one is probably in another unit. A unit that was declared is believed;
-`doubts` names its values beyond a limit, or below the least of a robot arm.
+A table of checks. Each computes one number of a recording, or of the first second of a stream, and compares
+it with a limit that no robot arm exceeds. Statistics are robust: a few outliers have no effect. Limits have a
+margin: a value beyond one is probably in another unit. A declared unit is accepted; `doubts` reports its
+values beyond a limit, or below those of any robot arm.
 
 Pure. Recordings, bridge, service and doctor use the same table.
 
@@ -94,7 +94,7 @@ def _spread(t: Array, signals: Mapping[str, Array]) -> float | None:
 
 
 def _reach(t: Array, signals: Mapping[str, Array]) -> float | None:
-    """Return the larger of distance and spread [m]: a flange that rests is not near its base.
+    """Return the larger of distance from the base and spread [m]: a resting flange has no spread.
 
     None without positions.
     """
@@ -105,7 +105,7 @@ def _reach(t: Array, signals: Mapping[str, Array]) -> float | None:
 def _speed(t: Array, signals: Mapping[str, Array]) -> float | None:
     """Return the largest speed between the medians of neighbouring cells, or None.
 
-    One in twenty is left out: the fastest may be a leap.
+    The largest twentieth is left out, because it may contain jumps.
     """
     span = float(t.max() - t.min())
     if "pos" not in signals or not 3 * CELL_S < span < CELL_S * 1e6 or (np.diff(t) < 0).any():
@@ -163,10 +163,10 @@ def implausible(
     length_unit: str = "m",
     declared: Collection[str] = (),
 ) -> Implausible | None:
-    """The first implausible quantity of these samples, or None.
+    """Return the first implausible quantity of these samples, or None.
 
-    t: (n,) [s]; signals: name → (n, width); positions in `length_unit`, joints [rad], forces [N].
-    declared: quantities whose unit was declared; they are believed.
+    t: (n,) [s]; signals: name → (n, width); positions in `length_unit`, joints [rad], forces [N]. declared:
+    quantities whose unit was declared; they are not checked.
     """
     checks = (check for check in CHECKS if check.quantity not in declared)
     for check, value in _measured(checks, t, signals, length_unit):
@@ -180,10 +180,10 @@ def implausible(
 def doubts(
     t: Array, signals: Mapping[str, Array], *, length_unit: str, declared: Collection[str], clean_force: bool
 ) -> tuple[str, ...]:
-    """Return a sentence on each contradiction to the stated units; the samples are segmented all the same.
+    """Return a sentence on each contradiction to the stated units; the samples are segmented nevertheless.
 
-    Arguments as of `implausible`. clean_force: the force is a flange sensor's, whose bias alone is over the
-    limit.
+    Arguments as in `implausible`. clean_force: whether the force is a flange sensor's, so that only its bias
+    exceeds the limit.
     """
     stated = {*declared, *(["length"] if length_unit != WIRE_UNIT["length"] else [])}
     found = [
@@ -221,14 +221,14 @@ def _measured(
 
 
 def likely_time_unit(t: Array) -> str | None:
-    """The unit in which these times would be those of a robot; None where they may be seconds."""
+    """Return the unit in which these times would be those of a robot; None if they may be seconds."""
     value = _step(t, {})
     check = CHECKS[0]
     return None if value is None or value <= check.limit else _likely(check, value, "s")
 
 
 def likely_length_unit(position: Sequence[float]) -> str | None:
-    """The unit in which a position [m] would be within reach; None where it may be metres."""
+    """Return the unit in which a position [m] would be within reach; None if it may be metres."""
     value, check = math.hypot(*position), CHECKS[1]
     return None if value <= check.limit else _likely(check, value, "m")
 
@@ -238,7 +238,7 @@ WIDEST_OPENING: Mapping[str, float] = {"cm": 15.0, "mm": 200.0}
 
 
 def likely_opening_unit(widest: float) -> str | None:
-    """The likely unit of openings up to this one; None for metres, for a flag, and for counts.
+    """Return the likely unit of openings up to this one; None for metres, for a flag, and for counts.
 
     >>> [likely_opening_unit(widest) for widest in (0.08, 1.0, 8.0, 80.0, 255.0)]
     [None, None, 'cm', 'mm', None]
@@ -257,9 +257,9 @@ def _likely(check: _Check, value: float, stated: str) -> str | None:
 
 
 class FirstSecond:
-    """Checks a stream while its first second comes; what is found once stands.
+    """Checks the first second of a stream; a finding is kept.
 
-    columns: of the stream, `t` first; length_unit, declared: as for `implausible`.
+    columns: of the stream, `t` first; length_unit, declared: as in `implausible`.
     """
 
     def __init__(self, columns: Sequence[str], length_unit: str, declared: Collection[str]) -> None:
@@ -276,7 +276,7 @@ class FirstSecond:
         return self._over
 
     def look(self, rows: NDArray[np.floating]) -> Implausible | None:
-        """Check the next rows (k, columns). Return what is implausible in the stream so far, or None."""
+        """Check the next rows (k, columns). Return the implausible quantity of the stream so far, or None."""
         if self._over or not len(rows):
             return self._found
         self._rows.append(np.array(rows, np.float64))

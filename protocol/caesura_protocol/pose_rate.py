@@ -1,8 +1,8 @@
-"""Rate at which a pose is read, if a faster clock repeats it.
+"""Estimates the rate at which a pose is read, if a faster clock repeats it.
 
-A file at 100 Hz of a robot that reports 15 poses a second has most of them several times. The service
-interpolates poses that repeat for at most `HOLD_S`, and takes longer ones as a rest. Where many of a movement
-are held for longer, it is cut at them. Pure.
+A file at 100 Hz from a robot that reports 15 poses a second contains most poses several times. The service
+interpolates poses that repeat for at most `HOLD_S`; longer repeats count as a rest. If many poses of a
+movement repeat for longer, the movement is divided at them. Pure functions.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ ENOUGH_HZ = 10.0  # readings at a clock of 100 Hz are then at most 0.11 s apart
 
 
 def slow_pose(t: Array, signals: Mapping[str, Array]) -> str | None:
-    """Say how often a pose is read, where a faster clock repeats it and it is slow; else None.
+    """Return a sentence on the rate of a pose if it is slow and a faster clock repeats it; else None.
 
     t: (n,) [s]; signals: name → (n, width), as in a Recording.
 
@@ -56,7 +56,7 @@ def slow_pose(t: Array, signals: Mapping[str, Array]) -> str | None:
 class PoseReadings:
     """Rate at which a live pose is read: a fold over samples that keeps the newest `LATEST` readings.
 
-    columns: of the samples, `t` first. A finding in `slow` stays.
+    columns: of the samples, `t` first. A finding in `slow` is kept.
     """
 
     def __init__(self, columns: Sequence[str]) -> None:
@@ -70,7 +70,7 @@ class PoseReadings:
         self._read: deque[tuple[float, int]] = deque(maxlen=LATEST)  # time [s] and number of its sample
 
     def push(self, rows: NDArray[np.floating]) -> None:
-        """Take further samples (k, columns)."""
+        """Process further samples (k, columns)."""
         if self.slow is not None or not self._places or not len(rows):
             return
         pose = np.asarray(rows, np.float64)[:, self._places]
@@ -87,7 +87,7 @@ class PoseReadings:
 
 
 def _pose_signals(there: Mapping[str, object]) -> list[str]:
-    """Names of the signals that are the pose."""
+    """Return the names of the signals that are the pose."""
     return [name for name in (("pos", "quat") if "pos" in there else ("q",)) if name in there]
 
 
@@ -96,7 +96,10 @@ def _slow(apart: Array, samples: NDArray[np.int64]) -> str | None:
 
 
 def _held_too_long(apart: Array, samples: NDArray[np.int64]) -> str | None:
-    """Name readings that are too seldom; apart [s], and how many samples apart."""
+    """Return a sentence on readings that are too far apart.
+
+    apart: [s] between readings; samples: numbers of samples between them.
+    """
     read = (apart > 0.0) & (apart <= SELDOM_S)
     repeated = read & (samples > 1)
     long = repeated & (apart > HOLD_S)
@@ -106,7 +109,10 @@ def _held_too_long(apart: Array, samples: NDArray[np.int64]) -> str | None:
 
 
 def _held(apart: Array, samples: NDArray[np.int64]) -> str | None:
-    """Name readings that are interpolated and slow; apart [s], and how many samples apart."""
+    """Return a sentence on slow readings that are interpolated.
+
+    apart: [s] between readings; samples: numbers of samples between them.
+    """
     short = (apart > 0.0) & (apart <= HOLD_S)
     repeated = int((samples[short] - 1).sum())
     if np.count_nonzero(samples[short] > 1) < LEAST_HELD or repeated < LEAST_REPEATED * samples[short].sum():

@@ -1,7 +1,7 @@
-"""A recording: everything one robot reported during one demonstration.
+"""A recording: the data that one robot reported during one demonstration.
 
-The same names are used in npz, csv and MCAP files, on the wire and in a live source, so that a recording and
-a live robot have one form for a reader. A signal is a matrix with one row a sample:
+Npz, csv and MCAP files, messages and live sources use the same names, so that a recording and a live robot
+have the same form. A signal is a matrix with one row per sample:
 
     pos (n, 3)   flange position in the base frame, in `length_unit`
     quat (n, 4)  flange orientation in the base frame, x y z w
@@ -11,12 +11,12 @@ a live robot have one form for a reader. A signal is a matrix with one row a sam
     tau (n, j)   external joint torques [Nm]
     gripper (n, 1) opening between the fingers [m]
 
-At least one of `pos` and `q` must be there; where both are, `pos` is segmented. What else a file holds is
-not read, but named in `Recording.ignored`: an option with a typo in it must not pass in silence.
+At least one of `pos` and `q` is required; with both, `pos` is segmented. Other content of a file is not read,
+and is listed in `Recording.ignored`, so that a typo in an option is detected.
 
 A recording states where its wrench is measured (`wrench_source`) and whether a person guides this robot by
-hand (`hand_on_robot`). A source that is not stated is None: the service then assumes that the guiding hand is
-in the force, and the results say so.
+hand (`hand_on_robot`). A source that is not stated is None: the service then assumes that the force contains
+the guiding hand, and the results state that.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ Array = NDArray[np.float64]
 
 
 class RecordingError(CaesuraError, ValueError):
-    """The file is not a recording; the message names the file, the value and what was expected."""
+    """The file is not a recording; the message states the file, the value and the expected content."""
 
 
 class UnknownColumnsError(RecordingError):
@@ -69,12 +69,12 @@ class Recording:
     """One demonstration.
 
     t: (n,) [s], in the order of arrival; signals: name → (n, width), names as in the module's table.
-    wrench_source: None where it is not stated; hand_on_robot: does a person guide this robot by hand?
-    ignored: what else the file holds. declared_units: quantities whose unit a person declared, so that values
-    which no robot reports are believed. setting: what its cell asks of the program. assumed: what the reader
-    assumes where the file leaves it open; cautions: what is left out or suspect, and why; a sentence each.
-    lines: of the samples in the file, where it is a text.
-    Raises RecordingError where a shape, a name, a unit or a time is off.
+    wrench_source: None if not stated; hand_on_robot: whether a person guides this robot by hand. ignored:
+    names of other content of the file. declared_units: quantities whose unit a user declared, so that their
+    values are not checked. setting: the cell's requirements on the program. assumed: the reader's assumptions
+    about what the file leaves open; cautions: omitted or suspect parts, with the reason; one sentence each.
+    lines: line numbers of the samples in a text file. Raises RecordingError for an invalid shape, name, unit
+    or time.
     """
 
     t: Array
@@ -142,7 +142,7 @@ class Recording:
             raise RecordingError(f"{self.name}: {wrong}")
 
     def place(self, row: int) -> str:
-        """The name of a sample in errors, with its line where the file is a text.
+        """Return the name of a sample in errors, with its line in a text file.
 
         >>> Recording(np.zeros(2), {"q": np.zeros((2, 7))}, lines=(2, 5)).place(1)
         'sample 1 (line 5)'
@@ -156,7 +156,7 @@ class Recording:
 
     @property
     def has_wrench(self) -> bool:
-        """Whether forces or joint torques are there."""
+        """Whether the recording has forces or joint torques."""
         return "force" in self.signals or "tau" in self.signals
 
     @property
@@ -166,7 +166,7 @@ class Recording:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Sentences on contradictions to the stated units; the samples are taken all the same."""
+        """Sentences on contradictions to the stated units; the samples are used nevertheless."""
         return doubts(
             self.t,
             self.signals,
@@ -177,12 +177,12 @@ class Recording:
 
     @property
     def assumptions(self) -> tuple[Assumption, ...]:
-        """Options that the recording leaves open, and that the reader assumes; `assumed` has the words."""
+        """Options that the recording leaves open and the reader assumes; `assumed` has their text."""
         return tuple(key for key, words in ASSUMED.items() if words in self.assumed)
 
     @property
     def stated_options(self) -> dict[str, str]:
-        """Options by name, without those that the recording does not state."""
+        """Return the options by name, without those that the recording does not state."""
         values = {key: getattr(self, key) for key in OPTIONS if key not in self.assumptions}
         return {
             key: value for key, value in values.items() if value not in NOT_STATED
@@ -190,11 +190,11 @@ class Recording:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns of `matrix`, as they stand on the wire."""
+        """Names of the columns of `matrix`, as in messages."""
         return ("t", *(c for s, v in self.signals.items() for c in COLUMNS_OF_SIGNAL[s][: v.shape[1]]))
 
     def matrix(self) -> Array:
-        """All samples as one (n, columns) matrix, time first."""
+        """Return all samples as one (n, columns) matrix, time first."""
         return np.column_stack([self.t, *self.signals.values()])
 
     def save(self, path: Path) -> None:
@@ -257,12 +257,12 @@ NOT_STATED = (None, "unknown")  # values of an option that no file needs to hold
 
 
 def is_option(key: str, value: str | None) -> bool:
-    """Whether an option of this name may have this value; a wrench_source of None is not stated."""
+    """Return whether a value is valid for this option; a wrench_source of None is not stated."""
     return value in OPTIONS[key] or (key, value) == ("wrench_source", None)
 
 
 def contradiction(wrench_source: str | None, hand_on_robot: str) -> str | None:
-    """Error text where the wrench source and the statement of the hand contradict each other, else None."""
+    """Return text if the wrench source contradicts the statement of the hand, else None."""
     if (wrench_source, hand_on_robot) != ("flange_sensor_with_hand", "no"):
         return None
     return (
@@ -275,12 +275,12 @@ ARRAYS = ("t", *COLUMNS_OF_SIGNAL, "force_base")  # names of the arrays of a fil
 
 
 def wrong_option(name: str, value: str, known: Iterable[str]) -> str:
-    """The error text for an option of the command line that has no such value."""
+    """Return the error text for an invalid value of a command line option."""
     return f"--{name.replace('_', '-')} is {value!r}, expected one of {', '.join(known)}"
 
 
 def declared_units(**units: str | None) -> dict[Quantity, str]:
-    """Units that were declared, by quantity. Raises RecordingError for one that does not exist."""
+    """Return the declared units, by quantity. Raises RecordingError for an unknown unit."""
     declared: dict[Quantity, str] = {}
     for quantity, known in UNITS.items():
         if (unit := units.get(quantity)) is None:
@@ -300,7 +300,7 @@ def unit_remedy(found: Implausible, length_unit: str) -> str:
 
 
 def did_you_mean(name: str) -> str | None:
-    """The name that an ignored one looks like, if any; none of a name that is right.
+    """Return the valid name that an ignored one resembles; None without one.
 
     >>> did_you_mean("length_units"), did_you_mean("vel")
     ('length_unit', None)

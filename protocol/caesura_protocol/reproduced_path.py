@@ -1,11 +1,11 @@
 """The reproduced path: the curve on which a robot follows an app's path.
 
-It leads through knots, in time order: where the robot is, the via points, the target. Between two knots every
+It leads through knots, in time order: the robot's pose, the via points, the target. Between two knots every
 coordinate (position, and the four of the quaternion, which is normalised afterwards) is the polynomial of
-degree five in time with the velocities and accelerations of both. Velocities and angular velocities are
-those with which its knots were passed. What is not stated is estimated from three knots
-(`estimated_slopes`); an end without a stated velocity is at rest. So with two knots it is the straight line
-of minimum jerk, and the turn about one axis.
+degree five in time with the velocities and accelerations of both. Velocities and angular velocities at knots
+are the taught ones. Unstated ones are estimated from three knots (`estimated_slopes`); an end without a
+stated velocity is at rest. So with two knots it is the straight line of minimum jerk, and the turn about one
+axis.
 
 >>> curve = Curve.through([0.0, 1.0], [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]])
 >>> curve.at(0.5)[0].round(3).tolist()
@@ -50,10 +50,10 @@ class Curve:
 
     @classmethod
     def through(cls, t: ArrayLike, values: ArrayLike, *, passing: ArrayLike | None = None) -> Curve:
-        """The curve through knots at rising times.
+        """Return the curve through knots at rising times.
 
-        passing: (k, 3) [m/s] at the knots, or (k, 6) with [rad/s], nan where it is to be estimated; at its
-        ends the curve rests then. Quaternions take the sign nearer to the one before.
+        passing: (k, 3) [m/s] at the knots, or (k, 6) with [rad/s]; nan is estimated, and is rest at the ends.
+        Quaternions get the sign nearer to the one before.
         """
         times, knots = np.asarray(t, dtype=np.float64), np.array(values, dtype=np.float64)
         if knots.shape[1] == 7:
@@ -83,7 +83,7 @@ class Curve:
 
     @cached_property
     def coefficients(self) -> Array:
-        """(k − 1, 6, c): of the powers of a share of each leg, the lowest first."""
+        """Return (k − 1, 6, c) coefficients of the powers of a share of each leg, the lowest first."""
         seconds = (self.t[1:] - self.t[:-1])[:, None]
         squared = seconds**2
         first, way = self.values[:-1], self.values[1:] - self.values[:-1]
@@ -97,7 +97,9 @@ class Curve:
         return found
 
     def at(self, t: float) -> tuple[Array, Array, Array]:
-        """Value, velocity and acceleration (c,) at a time; past the end it goes on as it arrived."""
+        """Return value, velocity and acceleration (c,) at a time; after the end the curve continues as it
+        arrived.
+        """
         if t >= self._times[-1]:
             last = self.velocities[-1]
             return self.values[-1] + (t - self.t[-1]) * last, last, np.zeros_like(last)
@@ -109,12 +111,12 @@ class Curve:
         return value, velocity / seconds, acceleration / seconds**2
 
     def sampled(self, parts: int) -> Array:
-        """(parts · legs + 1, c) along the curve, each leg in even times; quaternions have unit length."""
+        """Return (parts · legs + 1, c) points, at even times in each leg; quaternions have unit length."""
         inner = (_powers_of_parts(parts) @ self.coefficients).reshape(-1, self.values.shape[1])
         return unit(np.concatenate([inner, self.values[-1:]]))
 
     def peaks(self, parts: int = 17) -> tuple[float, float]:
-        """Largest speed [m/s] and rate of turn [rad/s] on the way; the latter is 0 without orientation."""
+        """Return the largest speed [m/s] and rate of turn [rad/s]; the latter is 0 without orientation."""
         powers = _powers((np.arange(parts) + 0.5) / parts)
         velocities = (powers[:, 1] @ self.coefficients) / np.diff(self.t)[:, None, None]
         speed = float(np.linalg.norm(velocities[..., :3], axis=-1).max())
@@ -128,10 +130,10 @@ class Curve:
 
 
 def estimated_slopes(t: Array, values: Array) -> Array:
-    """Slopes (k, c) at knots: 0 at both ends, else the derivative of the parabola through three knots.
+    """Return slopes (k, c) at knots: 0 at both ends, else the derivative of the parabola through three knots.
 
-    The first three columns' is at most `STEEPEST` times the mean slope on the less steep side, and so is that
-    of the others: what stops on its way does not overshoot.
+    The slope of the first three columns is at most `STEEPEST` times the mean slope on the less steep side,
+    and so is that of the others, so that the curve does not overshoot at a stop.
     """
     slopes = np.zeros_like(values)
     if len(t) < 3:
@@ -149,9 +151,10 @@ def estimated_slopes(t: Array, values: Array) -> Array:
 
 
 def knots_of(app: App) -> tuple[Array, Array, Array]:
-    """Times (k,) [s], poses (k, 3 or 7) and velocities (k, 6) [m/s], [rad/s] of an app's path, to its target.
+    """Return times (k,) [s], poses (k, 3 or 7) and velocities (k, 6) [m/s], [rad/s] of an app's path.
 
-    A velocity is nan where none is stated. Raises ValueError for an app without path or target.
+    The last knot is the target. An unstated velocity is nan. Raises ValueError for an app without path or
+    target.
     """
     if app.path is None or app.target is None:
         raise ValueError(f"{app.kind} at {fixed(app.t0, 2)} s has no path, expected one with a target")
@@ -171,15 +174,16 @@ def knots_of(app: App) -> tuple[Array, Array, Array]:
 
 
 def curve_of(app: App) -> Curve:
-    """The reproduced path of an app from where it was taught to start. As `knots_of`."""
+    """Return the reproduced path of an app from its taught start. Raises as `knots_of`."""
     times, poses, passing = knots_of(app)
     return Curve.through(times, poses, passing=passing)
 
 
 def turning_at_points(app: App) -> list[Vector]:
-    """Rate of turn [rad/s] of an app's path at its start and each via point; empty without orientations.
+    """Return the rates of turn [rad/s] of an app's path at its start and via points; empty without
+    orientations.
 
-    As `knots_of`.
+    Raises as `knots_of`.
     """
     curve = curve_of(app)
     return [(x, y, z) for x, y, z in curve.passing[:-1, 3:].tolist()] if curve.values.shape[1] == 7 else []
@@ -188,7 +192,7 @@ def turning_at_points(app: App) -> list[Vector]:
 def path_in_words(app: App, unit: str = " via") -> str:
     """Return a path's length, turn and number of via points as text; empty without a path.
 
-    A path without via points is straight, and their number is left out. unit: text behind that number.
+    A path without via points is straight, and their number is left out. unit: text after that number.
     """
     if app.path is None:
         return ""
@@ -198,10 +202,11 @@ def path_in_words(app: App, unit: str = " via") -> str:
 
 
 def turn_of(app: App) -> float:
-    """The turn [rad] of an app: that of its screw motion, else the largest along its path; 0 without either.
+    """Return the turn [rad] of an app: that of its screw motion, else the largest along its path; 0 without
+    either.
 
-    Along a path the rotation vectors from knot to knot are added up, so a turn may pass 180° and what is
-    turned back does not count.
+    Along a path the rotation vectors from knot to knot are summed, so a turn may exceed 180°, and turning
+    back reduces it.
     """
     if app.path is None or app.target is None:
         return 0.0
@@ -220,11 +225,11 @@ def unit(values: Array) -> Array:
 
 @lru_cache
 def _powers_of_parts(parts: int) -> Array:
-    """(parts, POWERS): the powers of the shares at which a leg of so many parts is sampled."""
+    """Return (parts, POWERS) the powers of the shares at which a leg of `parts` parts is sampled."""
     return _powers(np.arange(parts) / parts)[:, 0]
 
 
 def _powers(s: Array) -> Array:
-    """(…, 3, 6): powers of shares s of a leg, their first and their second derivatives."""
+    """Return (…, 3, 6) powers of shares s of a leg, and their first and second derivatives."""
     powers: Array = np.asarray(s)[..., None] ** _EXPONENTS
     return np.asarray(_FACTORS * powers[..., _LOWERED])

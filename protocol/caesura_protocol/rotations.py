@@ -73,7 +73,7 @@ def quaternions_of_roll_pitch_yaw(turns: Array) -> Array:
 
 
 def _joined(quaternions: Array) -> Array:
-    """The same rotations, each with the sign nearer to the row before: vectors leap at a half turn."""
+    """Return the same rotations, each with the sign nearer to the row before: vectors jump at a half turn."""
     apart = np.einsum("ni,ni->n", quaternions[1:], quaternions[:-1]) < 0.0
     signs = np.cumprod(np.where(np.concatenate([[False], apart]), -1.0, 1.0))
     joined: Array = quaternions * signs[:, None]
@@ -130,7 +130,7 @@ def cross(one: Array, other: Array) -> Array:
 
 
 def _imaginary(change: Array, quaternion: Array) -> tuple[float, float, float]:
-    """Twice the vector part (3,) of a quaternion (4,) times the conjugate of another."""
+    """Return twice the vector part (3,) of a quaternion (4,) times the conjugate of another."""
     cx, cy, cz, cw = change.tolist()
     qx, qy, qz, qw = quaternion.tolist()
     return (
@@ -141,7 +141,7 @@ def _imaginary(change: Array, quaternion: Array) -> tuple[float, float, float]:
 
 
 def turned_along(quaternions: Array) -> Array:
-    """Sum the rotation vectors from each of (n, 4) quaternions to the next: (n, 3) [rad], base frame."""
+    """Return the sum (n, 3) [rad] of rotation vectors between successive quaternions (n, 4), base frame."""
     along = _unit(quaternions)
     align_signs(along)
     before, after = along[:-1], along[1:]
@@ -155,7 +155,7 @@ def turned_along(quaternions: Array) -> Array:
 
 
 def upright_rotation(up: tuple[float, float, float] | None) -> Array | None:
-    """Return the least rotation (3, 3) that turns a direction of unit length to +z; None where it is +z.
+    """Return the least rotation (3, 3) that turns a direction of unit length to +z; None if it is +z.
 
     up: None is +z. −z is turned about x: about any axis across z the turn would be as small.
     """
@@ -172,7 +172,7 @@ def upright_rotation(up: tuple[float, float, float] | None) -> Array | None:
 
 
 def align_signs(quaternions: Array) -> None:
-    """Put each row (n, 4) but the first on the side of the row before it: q and −q are the same rotation."""
+    """Negate rows (n, 4) so that successive ones have dot products >= 0: q and −q are the same rotation."""
     turned = np.vecdot(quaternions[1:], quaternions[:-1]) < 0.0
     quaternions[1:] *= np.where(turned, -1.0, 1.0).cumprod()[:, None]
 
@@ -186,7 +186,7 @@ def _unit(quaternions: Sequence[float] | Array) -> Array:
 
 
 def _rows(x: Array, y: Array, z: Array, w: Array) -> list[list[Array]]:
-    """The elements of a matrix from those of quaternions of unit length."""
+    """Return the elements of a matrix from those of quaternions of unit length."""
     return [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],

@@ -1,6 +1,6 @@
 """Limits on the samples of a session: readers of files and `doctor` refuse what the service refuses.
 
-The core of the service imports no protocol, so it states these values itself; a test compares them.
+The core of the service does not import the protocol, so it defines these values again; a test compares them.
 """
 
 from __future__ import annotations

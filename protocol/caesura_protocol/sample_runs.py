@@ -1,6 +1,6 @@
-"""Samples of a session in runs without a hole, and the speed along them.
+"""Divides a session's samples into runs without a gap, and computes their speed.
 
-As in the session itself, samples whose time does not advance are left out.
+As in the session, samples whose time does not increase are left out.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ SPEED_WINDOW_S = 0.04  # over which positions are averaged for the speed; two wi
 
 
 class SampleRun(NamedTuple):
-    """Samples that follow each other. after: the hole before them; None where they go on."""
+    """Successive samples without a gap. after: the gap before them; None if there is none."""
 
     t: Array  # (n,) [s] ascending
     values: Array  # (n, c) columns of the session but time
@@ -31,14 +31,16 @@ class SampleRun(NamedTuple):
 
 
 class RunSplitter:
-    """Batches in the order of their numbers to runs: a fold that remembers the last sample."""
+    """A fold from batches, in the order of their numbers, to runs; it stores the last sample."""
 
     def __init__(self) -> None:
         self.latest = -np.inf  # [s] the newest sample
         self._next_seq: int | None = None
 
     def push(self, matrix: Array, seqs: NDArray[np.int64]) -> list[SampleRun]:
-        """Runs of further samples (n, columns), time [s] first. seqs: (n,) number of each sample's batch."""
+        """Return the runs of further samples (n, columns), time [s] first. seqs: (n,) batch number of each
+        sample.
+        """
         highest = np.maximum.accumulate(np.concatenate([[self.latest], matrix[:, 0]]))
         advances = matrix[:, 0] > highest[:-1]
         matrix, seqs = matrix[advances], seqs[advances]
@@ -62,7 +64,7 @@ class RunSplitter:
 
 
 def drawn_columns(columns: Sequence[str]) -> tuple[str, ...]:
-    """Return the columns that are drawn of a session: all but time, and `speed` if it can be computed.
+    """Return the columns of a session that are drawn: all except time, and `speed` if it can be computed.
 
     columns: of the session, time first.
     """
@@ -70,17 +72,17 @@ def drawn_columns(columns: Sequence[str]) -> tuple[str, ...]:
 
 
 def chosen_columns(asked: Collection[str], known: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the known columns that are asked for, in their order; all of them where none is asked for."""
+    """Return those of the requested columns that exist, in their order; all columns if none is requested."""
     return tuple(name for name in known if name in asked) if asked else known
 
 
 def in_metres(columns: Sequence[str], unit: LengthUnit) -> Array:
-    """The factor (c,) of each column, which makes positions metres."""
+    """Return the factor (c,) of each column that converts positions to metres."""
     return np.array([METRES[unit] if name in COLUMNS_OF_SIGNAL["pos"] else 1.0 for name in columns])
 
 
 def _places(columns: Sequence[str]) -> list[int]:
-    """Return the columns of which the speed is taken, counted without time: positions, else joints.
+    """Return the columns from which the speed is computed, counted without time: positions, else joints.
 
     Empty without both.
     """
@@ -92,7 +94,7 @@ def _places(columns: Sequence[str]) -> list[int]:
 
 
 class Speed:
-    """The speed at every sample of a session: a fold that remembers the last two windows.
+    """The speed at every sample of a session: a fold that stores the last two windows.
 
     columns: of the session, time first.
     """
@@ -102,9 +104,9 @@ class Speed:
         self._t, self._where = np.zeros(0), np.zeros((0, len(self._places)))
 
     def beside(self, run: SampleRun) -> Array:
-        """The values (n, c) of a run with the speed as a further column, where there is one.
+        """Return the values (n, c) of a run with the speed as a further column, if it can be computed.
 
-        NaN within two windows after the beginning and after a hole.
+        It is NaN within two windows after the beginning and after a gap.
         """
         if not self._places:
             return run.values

@@ -1,4 +1,4 @@
-"""A screw motion in numbers and words that reports, tables and exporters share."""
+"""A screw motion as numbers and text, shared by reports, tables and exporters."""
 
 from __future__ import annotations
 

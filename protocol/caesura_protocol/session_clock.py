@@ -1,8 +1,8 @@
-"""The clock of a session as people read it: one that shows the time of day is read from the session's start.
+"""Converts times of a session for display: times of day are shown relative to the session's start.
 
-Most sessions count from 0. Where samples have the time of day, as in a rosbag2, tables show seconds from the
-first segment on, and when that was. What people type is read in the same way. Files and messages keep the
-clock of the samples.
+Most sessions count from 0. If samples have the time of day, as in a rosbag2, tables show seconds from the
+first segment on, and the date of it. Typed times are read in the same way. Files and messages keep the clock
+of the samples.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ OF_DAY_S = 1e8  # from here on a time is one of day: no robot has counted second
 
 
 class SessionClock(NamedTuple):
-    """start_s: what people read as 0 [s] of the session's clock."""
+    """start_s: the session time [s] that is displayed as 0."""
 
     start_s: float = 0.0
 
     def shown(self, t: float, decimals: int = 2) -> str:
-        """A time [s] of the session as people read it."""
+        """Return a time [s] of the session as displayed."""
         return fixed(t - self.start_s, decimals)
 
     def interval(self, t0: float, tn: float, between: str = "–") -> str:
-        """Times [s] of the session as people read them, as `number_words.interval`."""
+        """Return two times [s] of the session as displayed, as `number_words.interval`."""
         return interval(t0 - self.start_s, tn - self.start_s, 2, between)
 
     def newest(self, stretches: Sequence[tuple[float, float]], count: int) -> str:
@@ -45,15 +45,15 @@ class SessionClock(NamedTuple):
         return f"{'the newest at' if count > NEWEST else 'at'} {times} s"
 
     def brief(self, t: float) -> str:
-        """A time [s] with as few decimals as it has."""
+        """Return a time [s] as displayed, without trailing zeros."""
         return f"{t - self.start_s:g}"
 
     def read(self, t: float) -> float:
-        """A time [s] as a person typed it, on the session's clock; one of day is taken as it is."""
+        """Return a typed time [s] on the session's clock; a time of day is unchanged."""
         return t if is_of_day(t) else t + self.start_s
 
     def text(self, note: str) -> str:
-        """A sentence, such as a note of a program, with its times of day as people read times.
+        """Return a sentence, such as a note of a program, with its times of day as displayed.
 
         >>> SessionClock(1700000001.25).text("Not observed: 1700000003.00–1700000003.75 s, before 2.50 s")
         'Not observed: 1.75–2.50 s, before 2.50 s'
@@ -66,7 +66,7 @@ class SessionClock(NamedTuple):
 
     @property
     def words(self) -> str:
-        """Text on the time from which shown times count; empty if they are those of the session's clock.
+        """Text on the time that is displayed as 0; empty if displayed times are those of the session's clock.
 
         >>> SessionClock(1700000001.25).words, SessionClock().words
         ('times [s] from 2023-11-14 22:13:21 UTC on, the start', '')
@@ -83,20 +83,20 @@ def clock_from(t: float) -> SessionClock:
 
 
 def clock_of(segments: Sequence[Segment]) -> SessionClock:
-    """The clock of a session, by its segments."""
+    """Return the clock of a session from its segments."""
     return clock_from(segments[0].t0) if segments else NO_OFFSET
 
 
 def is_of_day(t: float) -> bool:
-    """Whether a time [s] is one of day."""
+    """Return whether a time [s] is a time of day."""
     return OF_DAY_S <= t < LONG / 10
 
 
 def moment(t: float) -> str:
-    """A time of day [s] as a date, UTC."""
+    """Return a time of day [s] as a date, UTC."""
     return f"{datetime.fromtimestamp(t, UTC):%Y-%m-%d %H:%M:%S}"
 
 
 def local_moment(t: float) -> str:
-    """A time of day [s] as date and time here, to the minute."""
+    """Return a time of day [s] as local date and time, to the minute."""
     return f"{datetime.fromtimestamp(t):%Y-%m-%d %H:%M}"

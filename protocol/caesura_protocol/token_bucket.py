@@ -1,4 +1,4 @@
-"""Token buckets: how often a sender may do something. Server, monitoring and dashboard use the same ones."""
+"""Token buckets, which limit how often a sender may act. Used by server, monitoring and dashboard."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SENDERS = 1024  # with own buckets; another is admitted once the one quiet for l
 
 
 class Rate(NamedTuple):
-    """Tokens per second, and the most at once."""
+    """Tokens per second, and the greatest number at once."""
 
     per_s: float
     burst: float
@@ -27,8 +27,9 @@ _Bucket = tuple[Sequence[float], float]  # tokens of each rate that a sender had
 class RateLimit:
     """A token bucket for each sender, of one rate or several at once; any thread may call it.
 
-    `allows` takes tokens that are there, before a message is accepted. `charge` takes the cost of work,
-    which is measured afterwards: the bucket may go into debt, and the sender waits until it is out of it.
+    `allows` removes available tokens before a message is accepted. `charge` removes the cost of work, which
+    is measured afterwards: the number of tokens may become negative, and the sender waits until it is
+    positive again.
     """
 
     def __init__(
@@ -42,11 +43,11 @@ class RateLimit:
         self._lock = threading.Lock()
 
     def allows(self, sender: str, cost: float = 1.0, *further: float) -> bool:
-        """Take so many tokens of each rate, if the sender has them all; return whether it had."""
+        """Remove `cost` tokens of each rate, if the sender has them all; return whether it had."""
         return self.lacking(sender, cost, *further) is None
 
     def lacking(self, sender: str, cost: float = 1.0, *further: float) -> int | None:
-        """Take tokens as `allows`; return the index of the first rate that lacks tokens, or None."""
+        """Remove tokens as `allows`; return the index of the first rate that lacks tokens, or None."""
         with self._lock:
             now = self._clock()
             bucket = self._buckets.pop(sender, None)
@@ -63,7 +64,7 @@ class RateLimit:
         return lacks
 
     def charge(self, sender: str, cost: float) -> None:
-        """Take tokens of the only rate, also into debt; too many senders evict the oldest bucket."""
+        """Remove tokens of the only rate, also below 0; too many senders evict the oldest bucket."""
         with self._lock:
             now = self._clock()
             (tokens,), at = self._buckets.pop(sender, self._full)
@@ -99,7 +100,7 @@ class RateLimit:
         ]
 
     def _has_room(self, now: float) -> bool:
-        """Whether there is room for a sender; the oldest one with full buckets is evicted for it."""
+        """Return whether a new sender fits; if necessary, evict the oldest one with full buckets."""
         if len(self._buckets) < self._senders:
             return True
         oldest = next(iter(self._buckets))

@@ -1,8 +1,8 @@
 """Direction of up: the unit vector in the base frame that points away from gravity.
 
 (0, 0, 1) for an arm on a table, (0, 0, −1) for one that hangs from a ceiling; on a wall it lies in the plane
-of the mounting face. A load weighs against it. Positions, forces and programs stay in the robot's base frame:
-only what looks for a weight uses the direction.
+of the mounting face. The weight of a load points against it. Positions, forces and programs are in the
+robot's base frame: only the estimation of weights uses the direction.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ EXPECTED = f"three numbers x,y,z of length 1 ± {NORM_TOLERANCE:g}, or one of {'
 def checked_up(up: Sequence[float]) -> Vector:
     """Return the direction with length 1. Raises ValueError with the value, the limit and a remedy.
 
-    What it has returned stays as it is: an opening that is sent again is the same one.
+    A returned direction is returned unchanged, so that a repeated opening is equal.
 
     >>> checked_up((0.0, 0.0, -1.0)), checked_up((0.0, 0.0, 1.0005))
     ((0.0, 0.0, -1.0), (0.0, 0.0, 1.0))
@@ -52,7 +52,7 @@ def checked_up(up: Sequence[float]) -> Vector:
 
 
 def _remedy(up: Sequence[float], size: float) -> str:
-    """Propose the direction of a vector, or the opposite one of a vector of gravity."""
+    """Return a proposal: the direction of a vector, or the opposite of a vector of gravity."""
     if not LEAST_SIZE < size < 1.0 / LEAST_SIZE:
         return ""
     along = _rounded(value / size for value in up)
@@ -70,7 +70,7 @@ def _rounded(values: Iterable[float]) -> str:
 
 
 def parse_up(text: str) -> Vector:
-    """Read a direction: an axis of the base such as `-z`, or three numbers. Raises ValueError.
+    """Parse a direction: an axis of the base such as `-z`, or three numbers. Raises ValueError.
 
     >>> parse_up("-z"), parse_up("0, 1, 0")
     ((0.0, 0.0, -1.0), (0.0, 1.0, 0.0))
@@ -88,7 +88,7 @@ def parse_up(text: str) -> Vector:
 
 
 def up_text(up: Sequence[float]) -> str:
-    """Write a direction as files and `--up` have it, in the shortest form that reads as the same numbers.
+    """Return a direction in the form of files and `--up`, with the shortest exact numbers.
 
     >>> up_text((0.0, 0.0, -1.0))
     '0,0,-1'
@@ -97,7 +97,7 @@ def up_text(up: Sequence[float]) -> str:
 
 
 def up_in_words(up: Sequence[float]) -> str:
-    """Name a direction for people: an axis of the base, or three numbers.
+    """Return a direction as text: an axis of the base, or three numbers.
 
     >>> up_in_words((0.0, 0.0, -1.0)), up_in_words((0.0, 0.6, 0.8))
     ('-z of the base', '(0, 0.6, 0.8) in the base frame')

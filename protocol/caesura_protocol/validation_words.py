@@ -1,4 +1,4 @@
-"""The first finding of a validation in the words of an error: field, value and limit."""
+"""Converts the first finding of a validation to an error text: field, value and limit."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _PLAIN = (
 
 
 def dotted(place: Place) -> str:
-    """The name of a field within others: `workspace_low.2`."""
+    """Return the name of a nested field: `workspace_low.2`."""
     return ".".join(map(str, place))
 
 
@@ -33,7 +33,7 @@ def first_finding(
 ) -> str:
     """Return `FIELD is VALUE, expected LIMIT`, for the first of the findings.
 
-    known: the fields that there are, for an unknown one. named: the name of a field by its place.
+    known: the existing fields, for an unknown one. named: returns the name of a field from its place.
     """
     one = error.errors(include_url=False)[0]
     place = named(one["loc"])
@@ -52,6 +52,6 @@ def first_finding(
 
 
 def _unseen(text: str, pattern: str) -> str:
-    """The characters of a text that cannot be seen and that a pattern refuses, by their code points."""
+    """Return the invisible characters of a text that a pattern refuses, by their code points."""
     refused = (one for one in dict.fromkeys(text) if not one.isprintable() and not re.search(pattern, one))
     return ", ".join(f"U+{ord(one):04X}" for one in refused)

@@ -1,15 +1,15 @@
-"""Faults of a recording's wrench, and how far it can be used: a force that is frozen, is 0, or has no zero.
+"""Finds faults of a recording's wrench, and decides its use: a force that is frozen, is 0, or has no zero.
 
-A measured force scatters. One that stays the same number for number while the flange moves is repeated by a
-dead driver, or simulated. It shows no contact and no load. Where that is more than MOST_SHARE of a
-recording, contact and load are off, and the reason is stated; a shorter dropout is named. The same holds for
-an axis by itself, and for the torque, which is then left out. A sensor with coarse steps repeats its values
-too, but throughout the recording. A simulation without noise is exactly 0 in free space and has forces
-elsewhere, and so has a sensor with a dead band; both are used, and named. A unit of the force that was
-declared (`--force-unit N`) is believed, and so are its values.
+A measured force has noise. If it does not change at all while the flange moves, a dead driver repeats it, or
+it is simulated. It shows no contact and no load. If that is more than MOST_SHARE of a recording, contact and
+load are off, and the reason is stated; a shorter dropout is reported. The same applies to a single axis, and
+to the torque, which is then left out. A sensor with coarse steps repeats its values too, throughout the
+recording. A simulation without noise is exactly 0 in free space and has forces elsewhere, and so has a sensor
+with a dead band; both are used and reported. With a declared unit of the force (`--force-unit N`) its values
+are not questioned.
 
 A recording that is shorter than the tare has a force without a zero: the bias of a sensor, up to 20 N on real
-ones, would pass for a contact.
+ones, would appear as a contact.
 
 Pure.
 """
@@ -55,7 +55,7 @@ class FrozenRun(NamedTuple):
 
     @property
     def is_zero(self) -> bool:
-        """Whether it is exactly 0 on every axis."""
+        """Whether the value is exactly 0 on every axis."""
         return not any(self.value)
 
     @property
@@ -99,9 +99,10 @@ def read_wrench(
     length_unit: str = "m",
     believed: bool = False,
 ) -> WrenchReading:
-    """The wrench source in use for these samples; believed: the force's unit was declared.
+    """Return the wrench source to use for these samples, with the findings.
 
-    t: (n,) [s]; signals: name → (n, width), as in a Recording; source: as it is stated.
+    t: (n,) [s]; signals: name → (n, width), as in a Recording; source: the stated one; believed: whether the
+    force's unit was declared.
     """
     force = _FORCE if _FORCE.signal in signals else _JOINT_TORQUES
     if source == "none" or force.signal not in signals or t.size < LEAST_SAMPLES:
@@ -120,7 +121,7 @@ def read_wrench(
 def _of_force(samples: CheckedMotion, force: _Force, values: Array, *, believed: bool) -> Iterator[_Finding]:
     """Yield the findings on the signal that shows contact and load: values (n, k).
 
-    believed: the signal is declared to be right.
+    believed: whether the signal's unit was declared.
     """
     if SHORTEST_S <= samples.span < TARE_S:
         yield _Finding(NOT_ZEROED.format(span=samples.span), "wrench")
@@ -165,7 +166,7 @@ def _of_axes(samples: CheckedMotion, force: Array, *, believed: bool) -> Iterato
 
 
 def _of_torque(samples: CheckedMotion, torque: Array) -> Iterator[_Finding]:
-    """Whether the torque (n, 3) beside a force is left out."""
+    """Yield a finding if the torque (n, 3) beside a force must be left out."""
     dead = [run for run in samples.frozen(torque) if not run.is_zero]
     if not torque.any():
         yield _Finding("The torque is 0 in every sample: it is left out.", "torque")
@@ -174,7 +175,7 @@ def _of_torque(samples: CheckedMotion, torque: Array) -> Iterator[_Finding]:
 
 
 class CheckedMotion(NamedTuple):
-    """Times and places of the robot. place: (n, d) [m], or the joints [rad] without a position."""
+    """Times and positions of the robot. place: (n, d) [m], or the joints [rad] without a position."""
 
     t: Array  # [s]
     place: Array
@@ -194,13 +195,13 @@ class CheckedMotion(NamedTuple):
         return float(np.ptp(self.t))
 
     def prevails(self, runs: Sequence[FrozenRun]) -> bool:
-        """Whether runs take more of the recording than a dropout does."""
+        """Return whether runs cover more of the recording than a dropout does."""
         return sum(run.tn - run.t0 for run in runs) > MOST_SHARE * self.span
 
     def frozen(self, values: Array) -> list[FrozenRun]:
-        """Runs in which no column of (n, k) changes for over FROZEN_S while the robot moves.
+        """Return the runs in which no column of (n, k) changes for over FROZEN_S while the robot moves.
 
-        Where a sensor has steps, they last MORE times longer than usual, and their values do not recur.
+        For a sensor with steps, runs must last MORE times longer than usual, and their values must not recur.
         """
         breaks = (values[1:] != values[:-1]).any(axis=1) | (np.diff(self.t) > HOLE_S)
         edges = np.concatenate([[0], np.flatnonzero(breaks) + 1, [self.t.size]])
@@ -218,7 +219,7 @@ class CheckedMotion(NamedTuple):
         return [run for run in found if run.is_zero or not _recurs(run, beside)]
 
     def within(self, runs: Sequence[FrozenRun]) -> NDArray[np.bool_]:
-        """Return whether each sample lies in one of the runs: (n,)."""
+        """Return (n,) whether each sample lies in one of the runs."""
         inside = np.zeros(self.t.size, dtype=np.bool_)
         for run in runs:
             inside |= (run.t0 <= self.t) & (self.t <= run.tn)
@@ -226,9 +227,9 @@ class CheckedMotion(NamedTuple):
 
 
 def coarse_step(force: Array) -> float:
-    """The step of a sensor [N], where it is at least COARSE_N on every axis that changes; else 0.
+    """Return the step of a sensor [N] if it is at least COARSE_N on every axis that changes; else 0.
 
-    force: (n, 3). A sensor has steps where each value occurs REPEATS times or oftener.
+    force: (n, 3). A sensor has steps if each value occurs at least REPEATS times.
 
     >>> fine = np.random.default_rng(0).normal(scale=5.0, size=(1000, 3))
     >>> coarse_step(np.round(fine)), coarse_step(fine)
@@ -243,14 +244,14 @@ def coarse_step(force: Array) -> float:
 
 
 def _recurs(run: FrozenRun, beside: Array) -> bool:
-    """Whether a value is a step of the sensor: it occurs at other times (m, k) too."""
+    """Return whether a value is a step of the sensor: it also occurs at other times (m, k)."""
     return bool(beside.size) and float((beside == run.value).all(axis=1).mean()) > RECURS_SHARE
 
 
 def _usual(seconds: Array) -> float:
     """Return the usual length [s] of runs; 0 without any.
 
-    Of runs no longer than FROZEN_S, those up to this length make USUAL_SHARE of the time.
+    Of runs up to FROZEN_S, those up to this length cover USUAL_SHARE of the time.
     """
     short = np.sort(seconds[(seconds > 0.0) & (seconds <= FROZEN_S)])
     if not short.size:
@@ -274,7 +275,7 @@ COARSE = (
 
 
 def _noise_free(values: Array, unit: str) -> str:
-    """Return text on how values (n, k) are read that are exactly 0 at times, and on a dead band."""
+    """Return text on the use of values (n, k) that are sometimes exactly 0, and on a dead band."""
     least = float(np.abs(values[values != 0.0]).min(initial=np.inf))
     if COARSE_N <= least < np.inf:
         return f"{NOISE_FREE}; {DEAD_BAND.format(least=least, unit=unit)}"
@@ -284,7 +285,7 @@ def _noise_free(values: Array, unit: str) -> str:
 def _dead(
     listed: str, runs: Sequence[FrozenRun], samples: CheckedMotion, force: _Force, *, believed: bool
 ) -> _Finding:
-    """Values that a dead driver repeats, and what to do: the part without them can be used by itself."""
+    """Return the finding on values that a dead driver repeats, with the remedy: use the part without them."""
     if believed:
         return _Finding(f"{listed}: {DECLARED}.")
     whole = runs[0].t0 <= samples.t[0] and runs[0].tn >= samples.t[-1]

@@ -1,5 +1,4 @@
 """Readers and writers of file formats and foreign messages: one module a format, imported at its first use.
 
-`content.RawRecording` is what each reader returns; `recording.load_recording` checks it and makes it a
-Recording.
+Each reader returns a `raw_recording.RawRecording`; `read.load_recording` validates it and makes a Recording.
 """

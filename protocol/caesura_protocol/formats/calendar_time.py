@@ -1,6 +1,6 @@
-"""Times of day in a file, ISO 8601 or numpy's, as seconds from the first sample.
+"""Converts times of day in a file, ISO 8601 or numpy's, to seconds from the first sample.
 
-A time without a zone is taken as it stands. Times with and without one, mixed in a file, are refused.
+A time without a zone is not converted. A file that mixes times with and without a zone is refused.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ CALENDAR = "Times are seconds from the first sample, which is at {}."
 
 
 class CalendarTimes(NamedTuple):
-    """Times [s] from the first one, and the first one as it stands in the file."""
+    """Times [s] from the first one, and the text of the first one in the file."""
 
     t: Array
     first: str
 
 
 def is_calendar_time(cell: str) -> bool:
-    """Whether a cell holds a date with a time.
+    """Return whether a cell contains a date with a time.
 
     >>> is_calendar_time("2026-11-24T18:04:32.5Z"), is_calendar_time("20261124"), is_calendar_time("1.5")
     (True, False, False)
@@ -36,7 +36,9 @@ def is_calendar_time(cell: str) -> bool:
 
 
 def seconds_of(cells: Sequence[str], places: Sequence[str]) -> CalendarTimes:
-    """Times of all samples. places: their names in errors. Raises ValueError for the first wrong one."""
+    """Convert the times of all samples. places: their names in errors. Raises ValueError for an invalid
+    one.
+    """
     times: list[datetime] = []
     for place, cell in zip(places, cells, strict=True):
         time = _parsed(cell)
@@ -52,7 +54,7 @@ def seconds_of(cells: Sequence[str], places: Sequence[str]) -> CalendarTimes:
 
 
 def seconds_of_array(values: NDArray[np.generic]) -> CalendarTimes:
-    """Times of numpy's kind `datetime64` or `timedelta64`. Raises ValueError for one that is not a time."""
+    """Convert times of type `datetime64` or `timedelta64`. Raises ValueError for an invalid one."""
     if np.isnat(values).any():
         row = int(np.isnat(values).argmax())
         raise ValueError(
@@ -63,7 +65,7 @@ def seconds_of_array(values: NDArray[np.generic]) -> CalendarTimes:
 
 
 def _parsed(cell: str) -> datetime | None:
-    """The date of a cell; None where it is a number, such as 20261124, or no date."""
+    """Return the date of a cell; None for a number, such as 20261124, or other text."""
     try:
         float(cell)
     except ValueError:

@@ -1,8 +1,8 @@
-"""The messages of an exported file, one model a channel, and their JSON Schemas.
+"""The messages of an exported file, one model per channel, and their JSON Schemas.
 
-Samples are as they were sent, bit for bit, in the session's units; what a 3-D panel draws is in metres in the
-base frame, under Foxglove's own names. Schemas keep to what viewers read: objects, arrays of numbers, strings
-or objects, and no references, alternatives or nulls; what is not there is left out.
+Samples are as they were sent, bit for bit, in the session's units. Content of 3-D panels is in metres in the
+base frame, with Foxglove's names. Schemas contain only types that viewers read: objects, arrays of numbers,
+strings or objects, and no references, alternatives or nulls; missing values are left out.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ BASE, FLANGE = "base", "flange"  # frames
 
 
 class RobotState(Message):
-    """State that the robot reported; the names of the fields are those of the session's signals."""
+    """The state reported by the robot; the names of the fields are those of the session's signals."""
 
     model_config = ConfigDict(title="State")  # the name of the schema in files
 
@@ -46,7 +46,7 @@ class RobotState(Message):
 
 
 class Wrench(Message):
-    """Wrench that was measured, of the environment on the robot, neither tared nor filtered."""
+    """The measured wrench of the environment on the robot, neither tared nor filtered."""
 
     t: Seconds  # [s] session clock
     force: Vector | None = None  # [N] in force_frame
@@ -55,9 +55,9 @@ class Wrench(Message):
 
 
 class TaskProgram(Message):
-    """The task program at the end, as people edited it.
+    """The task program at the end, with operators' edits.
 
-    Its apps have no marks of edits: those have values of several types.
+    Its apps have no marks of edits, because those have values of several types.
     """
 
     complete: bool = False  # the session is closed
@@ -71,7 +71,7 @@ class TaskProgram(Message):
 
     @classmethod
     def of(cls, program: Program) -> TaskProgram:
-        """Return what a file holds of a program."""
+        """Return the content of a file for a program."""
         fields = {name: getattr(program, name) for name in cls.model_fields}
         return cls.model_validate(fields | {"apps": tuple(program.apps)})
 
@@ -82,7 +82,7 @@ class TaskProgram(Message):
 
 
 class Time(Message):
-    """Time in the form of Foxglove: seconds and nanoseconds."""
+    """A time in Foxglove's form: seconds and nanoseconds."""
 
     sec: int = Field(ge=0)
     nsec: int = Field(ge=0, lt=10**9)
@@ -113,7 +113,7 @@ class Pose(Message):
 
 
 class FrameTransform(Message):
-    """foxglove.FrameTransform: where the flange is."""
+    """foxglove.FrameTransform: the pose of the flange."""
 
     timestamp: Time
     parent_frame_id: str
@@ -145,7 +145,7 @@ CHANNELS: Mapping[str, tuple[str, type[Message]]] = {
 
 
 def schema_of(topic: str) -> dict[str, Any]:
-    """The JSON Schema of a channel's messages."""
+    """Return the JSON Schema of a channel's messages."""
     name, model = CHANNELS[topic]
     schema = model.model_json_schema(mode="serialization", schema_generator=_PlainSchema)
     plain: dict[str, Any] = _inlined(schema, schema.pop("$defs", {}))
@@ -153,7 +153,7 @@ def schema_of(topic: str) -> dict[str, Any]:
 
 
 class _PlainSchema(GenerateJsonSchema):
-    """Schema without null: fields that are None are left out, tuples are arrays of one kind, unions texts."""
+    """A schema without null: fields that are None are left out, tuples are arrays, unions are texts."""
 
     def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
         return self.generate_inner(schema["schema"])

@@ -1,8 +1,8 @@
-"""A mapping file: names and units of other software in Caesura's. TOML; `docs/recordings.md` has examples.
+"""A mapping file: maps names and units of other software to Caesura's. TOML; `docs/recordings.md` has
+examples.
 
-Every reader takes the part that is its own (`[time]` and `[columns]` of a csv, `[topics]` of ROS 2); what is
-common is said at the top: `wrench_source`, `hand_on_robot`, `force_frame`, `length_unit`, `robot`,
-`up`.
+Each reader uses its own part (`[time]` and `[columns]` for a csv, `[topics]` for ROS 2); common options are
+at the top: `wrench_source`, `hand_on_robot`, `force_frame`, `length_unit`, `robot`, `up`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from caesura_protocol.upright import parse_up, up_text
 
 @dataclass(frozen=True)
 class ColumnMapping:
-    """A mapping file that was read; `name` is what errors call it."""
+    """The content of a mapping file; `name` is its name in errors."""
 
     name: str
     table: Mapping[str, Any]
@@ -38,7 +38,7 @@ class ColumnMapping:
         return said
 
     def _up(self, value: Any) -> str:
-        """Return the direction as a file of text states it, from a text or an array of numbers."""
+        """Return the direction in the form of a text file, from a text or an array of numbers."""
         try:
             return up_text(parse_up(",".join(map(str, value)) if isinstance(value, list) else str(value)))
         except ValueError as error:
@@ -52,7 +52,7 @@ class ColumnMapping:
         return found
 
     def check_keys(self, where: str, found: Iterable[str], expected: Iterable[str]) -> None:
-        """Raise RecordingError for an unknown key: a typo must not pass in silence."""
+        """Raise RecordingError for an unknown key, so that a typo is detected."""
         unknown = sorted(set(found) - set(expected))
         if unknown:
             raise self.error(

@@ -47,7 +47,7 @@ _SPELLINGS: Mapping[str, str] = {
 
 
 def _names(column: str, index: int, spellings: str) -> frozenset[str]:
-    """Every name of a column, the one of this index in its signal."""
+    """Return every name of a column, which has this index in its signal."""
     counted = {"a": column[-1], "i": index, "n": index + 1, "k": index + 3, "m": index + 12}
     return frozenset({column, *(spelling.format(**counted) for spelling in spellings.split())})
 

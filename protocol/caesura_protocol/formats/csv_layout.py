@@ -1,7 +1,8 @@
-"""The layout of a csv file of other software: delimiter, decimal mark, columns, and what each probably is.
+"""Infers the layout of a csv file of other software: delimiter, decimal mark, columns, and their probable
+meaning.
 
-A guess is a proposal for a person to confirm. Names that other software uses are in `ALIASES`. A unit is
-taken from the column's name, such as `Zeit [ms]`, or else it is the one in which the values are plausible.
+A guess is a proposal for an operator to confirm. Names used by other software are in `ALIASES`. A unit
+follows from the column's name, such as `Zeit [ms]`, or else it is the one in which the values are plausible.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*")
 
 @dataclass(frozen=True)
 class CsvLayout:
-    """The form of a csv file. rows: the first samples, as text; header: numbers from 1 where it has none.
+    """The form of a csv file. rows: the first samples, as text; header: numbers from 1 if the file has none.
 
     stated: options in the file's comments, such as `# wrench_source: flange_sensor`.
     """
@@ -59,22 +60,22 @@ class CsvLayout:
 
     @property
     def is_own(self) -> bool:
-        """Whether it is Caesura's own form, which needs no mapping."""
+        """Whether the file has Caesura's own form, which needs no mapping."""
         return has_own_columns(self.header)
 
     def numbers(self, column: str) -> Array:
-        """Return the values of a column among `rows`; NaN where one is no number."""
+        """Return the values of a column among `rows`; NaN for a cell that is not a number."""
         index = self.header.index(column)
         return np.array([_number(row[index], self.decimal) for row in self.rows if index < len(row)])
 
 
 def has_own_columns(header: Collection[str]) -> bool:
-    """Return whether a csv has Caesura's columns; another one needs a mapping."""
+    """Return whether a csv has Caesura's columns; any other one needs a mapping."""
     return "t" in header and bool(PLACES & set(header))
 
 
 def read_layout(path: Path) -> CsvLayout:
-    """Look at the beginning of a csv file. Raises RecordingError where it holds no table."""
+    """Infer the layout from the beginning of a csv file. Raises RecordingError if it contains no table."""
     try:
         with path.open(encoding=encoding_of(path), newline="") as file:
             first = list(islice((line for line in file if line.strip()), MOST_ROWS))
@@ -105,9 +106,9 @@ def read_layout(path: Path) -> CsvLayout:
 
 
 def guessed(layout: CsvLayout) -> MappingAnswers:
-    """The most likely meaning of the columns; a signal that is there in part is left out.
+    """Return the most likely meaning of the columns; an incomplete signal is left out.
 
-    A signal that has no known name may be known by its unit: see `_by_unit`.
+    A signal without a known name may be recognised by its unit: see `_by_unit`.
     """
     found = {column: _called(layout.header, aliases) for column, aliases in ALIASES.items()}
     named = {column: name for column, name in found.items() if name is not None}
@@ -128,7 +129,8 @@ def guessed(layout: CsvLayout) -> MappingAnswers:
 
 
 def _called(header: Collection[str], aliases: Collection[str]) -> str | None:
-    """The column with one of these names, the flange's before others; else the only one whose path ends so.
+    """Return the column with one of these names, the flange's first; else the only one whose path ends with
+    one.
 
     >>> _called(["tcp_x", "flange_x"], {"tcpx", "flangex"}), _called(["field.pose.position.x"], {"positionx"})
     ('flange_x', 'field.pose.position.x')
@@ -141,7 +143,7 @@ def _called(header: Collection[str], aliases: Collection[str]) -> str | None:
 
 
 def _endings(name: str) -> list[str]:
-    """The ends of a path of two or more parts, as a topic of ROS has it.
+    """Return the suffixes of a path with two or more parts, such as a ROS topic.
 
     >>> _endings("/ee/pose/position/x")
     ['pose/position/x', 'position/x']
@@ -151,7 +153,7 @@ def _endings(name: str) -> list[str]:
 
 
 def _counted_from_zero(layout: CsvLayout, signal: str) -> dict[str, str]:
-    """The columns of a joint signal where the file counts from 0: `q0` is the first joint."""
+    """Return the columns of a joint signal if the file counts from 0: `q0` is the first joint."""
     plain = {_plain(name): name for name in layout.header}
     columns = COLUMNS_OF_SIGNAL[signal]
     stems = [name[:-1] for name in plain if name.endswith("0") and f"{name[:-1]}1" in ALIASES[columns[0]]]
@@ -162,9 +164,9 @@ def _counted_from_zero(layout: CsvLayout, signal: str) -> dict[str, str]:
 
 
 def _with_quaternion(layout: CsvLayout, named: Mapping[str, str]) -> dict[str, str]:
-    """The columns, without four joints whose squares add up to 1: these are a quaternion.
+    """Return the columns without four joints whose squares add up to 1: these are a quaternion.
 
-    `q0 q1 q2 q3` have w first. The order of `q1 q2 q3 q4` is not known, so they are left out.
+    `q0 q1 q2 q3` have w first. The order of `q1 q2 q3 q4` is unknown, so they are left out.
     """
     columns = COLUMNS_OF_SIGNAL["q"]
     joints = [named[column] for column in columns if column in named]
@@ -177,7 +179,7 @@ def _with_quaternion(layout: CsvLayout, named: Mapping[str, str]) -> dict[str, s
 
 
 def with_turns(layout: CsvLayout, guess: MappingAnswers) -> MappingAnswers:
-    """A guess with the orientation as three angles, where names show which they are."""
+    """Return a guess with the orientation as three angles, if the names show their convention."""
     if "qx" in guess.columns:
         return guess
     for names in TURNS.values():
@@ -192,7 +194,9 @@ def with_turns(layout: CsvLayout, guess: MappingAnswers) -> MappingAnswers:
 
 
 def likely_units(layout: CsvLayout, columns: Mapping[str, str]) -> dict[str, str]:
-    """The unit of each signal: from the names of its columns, or else the one that makes it plausible."""
+    """Return the unit of each signal: from the names of its columns, or else the one that makes it
+    plausible.
+    """
     units: dict[str, str] = {}
     for column, name in columns.items():
         signal = SIGNAL_OF_COLUMN[column]
@@ -226,7 +230,7 @@ def likely_units(layout: CsvLayout, columns: Mapping[str, str]) -> dict[str, str
 
 
 def _in_degrees(values: Mapping[str, Array]) -> dict[str, str]:
-    """The unit of three angles of which one is too large for radians. values: by Caesura's column."""
+    """Return the unit of three angles, one of which is too large for radians. values: by Caesura's column."""
     return {
         signal: "deg"
         for signal, names in TURNS.items()
@@ -235,7 +239,7 @@ def _in_degrees(values: Mapping[str, Array]) -> dict[str, str]:
 
 
 def _by_unit(header: Collection[str], signal: str) -> dict[str, str]:
-    """The columns of a signal: the only three in its unit whose names differ by x, y and z alone.
+    """Return the columns of a signal: the only three in its unit whose names differ only by x, y and z.
 
     >>> _by_unit(["Sensor X [N]", "Sensor Y [N]", "Sensor Z [N]"], "force")["fy"]
     'Sensor Y [N]'
@@ -253,7 +257,7 @@ def _by_unit(header: Collection[str], signal: str) -> dict[str, str]:
 def _columns_by(lines: list[str], delimiter: str) -> int:
     """Return the number of columns that the delimiter makes of every line; 1 if lines differ.
 
-    A blank divides no line that has another delimiter: it stands within names, as in `Time [s]`.
+    If lines have another delimiter, a blank is not one: it is part of names, as in `Time [s]`.
     """
     if delimiter == BLANK and set(lines[0]) & set(DELIMITERS) - {BLANK}:
         return 1
@@ -283,7 +287,7 @@ _TRAILING_UNIT = re.compile(
 
 
 def _plain(name: str) -> str:
-    """A column's name without its unit, its case and its separators.
+    """Return a column's name without its unit, case and separators.
 
     >>> _plain("TCP_Position.X [mm]"), _plain("time_ms"), _plain("Öffnung")
     ('tcppositionx', 'time', 'oeffnung')
@@ -294,7 +298,7 @@ def _plain(name: str) -> str:
 
 
 def _unit_in(name: str, known: Mapping[str, float]) -> str | None:
-    """The unit that a column's name states.
+    """Return the unit in a column's name.
 
     >>> _unit_in("Zeit [ms]", {"s": 1.0, "ms": 1e-3}), _unit_in("x_mm", {"mm": 1e-3})
     ('ms', 'mm')

@@ -1,4 +1,4 @@
-"""The lines of a csv file, UTF-8 or UTF-16, and the options that its comments state."""
+"""Reads the lines of a csv file, UTF-8 or UTF-16, and the options stated in its comments."""
 
 from __future__ import annotations
 
@@ -17,13 +17,15 @@ _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 def encoding_of(path: Path) -> str:
-    """UTF-16 where the file begins with its mark, else UTF-8. Raises OSError as `open`."""
+    """Return UTF-16 if the file begins with its byte order mark, else UTF-8. Raises OSError as `open`."""
     with path.open("rb") as stream:
         return "utf-16" if stream.read(2) in _UTF16 else "utf-8-sig"
 
 
 def read_lines(path: Path) -> list[str]:
-    """All lines without their ends. Raises RecordingError for an unknown encoding, OSError as `open`."""
+    """Return all lines without their ends. Raises RecordingError for an unknown encoding, OSError as
+    `open`.
+    """
     content = path.read_bytes()
     encoding = encoding_of(path)
     try:
@@ -43,7 +45,7 @@ def read_lines(path: Path) -> list[str]:
 
 
 def is_comment(line: str) -> bool:
-    """Whether a line is for people, or states an option, or states the delimiter as Excel does.
+    """Return whether a line is a comment, states an option, or states the delimiter as Excel does.
 
     >>> is_comment("# robot: ur5e"), is_comment("sep=;"), is_comment("t;px;py;pz")
     (True, True, False)
@@ -52,7 +54,7 @@ def is_comment(line: str) -> bool:
 
 
 def rows_of(lines: Iterable[str], delimiter: str) -> list[list[str]]:
-    """The cells of each line without blanks around them; several blanks divide as one does.
+    """Return the cells of each line without blanks around them; several blanks count as one delimiter.
 
     >>> rows_of(["t  px ", "0.0 -0.1"], " ")
     [['t', 'px'], ['0.0', '-0.1']]
@@ -64,12 +66,12 @@ def rows_of(lines: Iterable[str], delimiter: str) -> list[list[str]]:
 
 
 def cell_of(row: Sequence[str], index: int) -> str:
-    """A cell of a row; empty where the row is shorter."""
+    """Return a cell of a row; empty if the row is shorter."""
     return row[index] if index < len(row) else ""
 
 
 def stated_in_comments(lines: Iterable[str]) -> dict[str, str]:
-    """Return the values that `# name: value` comments state, by name, whatever the name.
+    """Return the values of all `# name: value` comments, by name.
 
     >>> stated_in_comments(["# wrench_source: flange_sensor", "# hand on robot: yes", "# of a day", "t,px"])
     {'wrench_source': 'flange_sensor', 'hand_on_robot': 'yes'}
@@ -80,6 +82,6 @@ def stated_in_comments(lines: Iterable[str]) -> dict[str, str]:
 
 
 def _option(key: str) -> str:
-    """An option's name however its words are divided; another key as it is."""
+    """Return an option's name with its words joined by underscores; any other key unchanged."""
     name = "_".join(key.lower().replace("-", " ").replace("_", " ").split())
     return name if name in STATED else key.strip()

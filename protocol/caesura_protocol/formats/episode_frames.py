@@ -1,8 +1,8 @@
-"""Demonstrations as episodes of a training set: frames at a fixed rate, each with its sub-task.
+"""Converts demonstrations to episodes of a training set: frames at a fixed rate, each with its sub-task.
 
-A frame holds what the robot reported at that time. Vectors are interpolated between the two samples around
-it, a gripper keeps its newest value. Nothing is interpolated across a gap: a session with one is refused.
-A wrench is in the frames where its source is stated, and otherwise left out.
+A frame contains the robot's state at its time. Vectors are interpolated between the two neighbouring samples,
+a gripper keeps its newest value. Nothing is interpolated across a gap: a session with a gap is refused. The
+frames contain a wrench only if its source is stated.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ VERBS: Mapping[Kind, str] = {
 
 
 class EpisodeError(CaesuraError, ValueError):
-    """A demonstration cannot be an episode; the message names it, the value and the limit."""
+    """A demonstration cannot be an episode; the message states its name, the value and the limit."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class EpisodeSource:
 
 
 class FeatureSpec(NamedTuple):
-    """Names, type, units and frames of a feature's numbers. Equal in all episodes of a dataset."""
+    """Names, type, units and frames of a feature's numbers. The same in all episodes of a dataset."""
 
     names: tuple[str, ...]  # of its components
     dtype: str
@@ -69,7 +69,7 @@ class FeatureSpec(NamedTuple):
 
 
 class Subtask(NamedTuple):
-    """A sub-task of an episode: its text, from its first frame on."""
+    """A sub-task of an episode: its text and its first frame."""
 
     first_frame: int
     text: str
@@ -112,7 +112,9 @@ def episodes_of(sources: Sequence[EpisodeSource], fps: int | None = None) -> lis
 
 
 def _rate(one: EpisodeSource) -> float:
-    """Return the rate [Hz] of the samples, by their median interval. Raises EpisodeError for one sample."""
+    """Return the rate [Hz] of the samples from their median interval. Raises EpisodeError for a single
+    sample.
+    """
     times = np.unique(one.recording.t)
     if times.size < 2:
         raise EpisodeError(f"{one.name}: {times.size} sample, expected at least 2")
@@ -160,7 +162,7 @@ _PARTS: Mapping[str, tuple[str, ...]] = {
 
 
 def _specs(recording: Recording) -> dict[str, FeatureSpec]:
-    """Features of a recording. Those of its wrench only where the source is stated."""
+    """Return the features of a recording; those of its wrench only if the source is stated."""
     stated = recording.wrench_source not in {None, "none"}
     source = ("source", str(recording.wrench_source))
     described: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
@@ -187,7 +189,7 @@ def _metric(recording: Recording, signal: str) -> Array:
 
 
 def values_at(frames: Array, times: Array, values: Array, signal: str) -> Array:
-    """Values (n, width) of a signal at the frames (n,) [s], of samples at times (m,) [s]."""
+    """Return the values (n, width) of a signal at the frames (n,) [s], from samples at times (m,) [s]."""
     if signal == "gripper":  # a width or a flag: half open was never reported
         newest = np.searchsorted(times, frames + 1e-9, side="right") - 1
         held: Array = values[newest]
@@ -202,7 +204,7 @@ def values_at(frames: Array, times: Array, values: Array, signal: str) -> Array:
 
 
 def _subtasks(one: EpisodeSource, start_s: float, fps: int, count: int) -> tuple[Subtask, ...]:
-    """Each segment from the frame nearest to its start on; one too short for a frame is left out."""
+    """Return each segment from the frame nearest to its start; one too short for a frame is left out."""
     starts: dict[int, str] = {}
     for number, segment in enumerate(one.segments):
         nearest = round((segment.t0 - start_s) * fps) if number else 0
@@ -212,7 +214,7 @@ def _subtasks(one: EpisodeSource, start_s: float, fps: int, count: int) -> tuple
 
 
 def _text(number: int, segment: Segment, phases: Sequence[Phase]) -> str:
-    """Return the text of a segment, behind the name that an operator gave to its phase.
+    """Return the text of a segment, after the name that an operator gave to its phase.
 
     number: index of the segment.
     """
@@ -222,13 +224,13 @@ def _text(number: int, segment: Segment, phases: Sequence[Phase]) -> str:
 
 
 def subtask_of_frame(subtasks: Sequence[Subtask], count: int) -> NDArray[np.int64]:
-    """The number (count,) of each frame's sub-task."""
+    """Return the number (count,) of each frame's sub-task."""
     starts = [one.first_frame for one in subtasks]
     return np.searchsorted(starts, np.arange(count), side="right").astype(np.int64) - 1
 
 
 def _check_alike(episodes: Sequence[Episode]) -> None:
-    """Raise EpisodeError where two episodes do not fit into one dataset."""
+    """Raise EpisodeError if two episodes do not fit into one dataset."""
     first = episodes[0]
     for other in episodes[1:]:
         pair = (first.source.name, other.source.name)

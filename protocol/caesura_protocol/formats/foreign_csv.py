@@ -1,4 +1,5 @@
-"""A csv file in another layout, read by a mapping: column, unit and factor of each of Caesura's columns.
+"""Reads a csv file of another layout with a mapping: source column, unit and factor of each of Caesura's
+columns.
 
     delimiter = ";"                  # "," unless said
     decimal = ","                    # "." unless said
@@ -13,8 +14,8 @@
     pz = { column = "Z", unit = "mm" }
     fz = { column = "F3", scale = -1.0 }   # the file has the robot's force on the environment
 
-An orientation is `qx qy qz qw`, or else three angles: `rx ry rz` or `roll pitch yaw` (`TURNS`).
-Where the first row holds numbers alone there is no header: columns are then called by their number, from 1.
+An orientation is `qx qy qz qw`, or else three angles: `rx ry rz` or `roll pitch yaw` (`TURNS`). If the first
+row contains only numbers, there is no header: the names of columns are then their numbers, from 1.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ SIGNAL_OF_COLUMN = {
 
 
 class ColumnRule(NamedTuple):
-    """The source of one of Caesura's columns."""
+    """The source column, unit and factor of one of Caesura's columns."""
 
     column: str
     source_column: str
@@ -80,7 +81,7 @@ class ColumnRule(NamedTuple):
 
 
 class CsvTable(NamedTuple):
-    """A csv file by column name; text as it stands."""
+    """The cells of a csv file as text, by column name."""
 
     header: list[str]
     rows: list[list[str]]
@@ -89,7 +90,7 @@ class CsvTable(NamedTuple):
 
 
 def read_foreign_csv(path: Path, mapped: ColumnMapping) -> RawRecording:
-    """The signals that the mapping names. Raises RecordingError, which names the column and what there is."""
+    """Return the signals that the mapping names. Raises RecordingError, which lists the existing columns."""
     table = _table(path, mapped)
     options, contradicted = _options(table, mapped)
     rules = rules_of(mapped, options.get("length_unit", "m"))
@@ -120,7 +121,9 @@ def read_foreign_csv(path: Path, mapped: ColumnMapping) -> RawRecording:
 
 
 def _turned(mapped: ColumnMapping, column: Mapping[str, Array]) -> dict[str, Array]:
-    """The quaternions of three angles. Raises RecordingError where they are in part or twice."""
+    """Return the quaternions of three angles. Raises RecordingError if they are incomplete or defined
+    twice.
+    """
     stated = {signal: names for signal, names in TURNS.items() if set(names) & set(column)}
     if len(stated) + ("qx" in column) > 1:
         there = [*stated.values()] + ([COLUMNS_OF_SIGNAL["quat"]] if "qx" in column else [])
@@ -143,7 +146,7 @@ def _turned(mapped: ColumnMapping, column: Mapping[str, Array]) -> dict[str, Arr
 def _options(table: CsvTable, mapped: ColumnMapping) -> tuple[dict[str, str], list[str]]:
     """Return the options of comments and mapping, and the comments that the mapping contradicts.
 
-    The mapping precedes the comments.
+    The mapping takes precedence.
     """
     stated = {key: value for key, value in table.stated.items() if key in STATED}
     contradicted = [
@@ -155,7 +158,7 @@ def _options(table: CsvTable, mapped: ColumnMapping) -> tuple[dict[str, str], li
 
 
 def _is_dated(table: CsvTable, rule: ColumnRule) -> bool:
-    """Whether the times are dates."""
+    """Return whether the times are dates."""
     if rule.source_column not in table.header or not table.rows:
         return False
     return is_calendar_time(cell_of(table.rows[0], table.header.index(rule.source_column)))
@@ -164,7 +167,7 @@ def _is_dated(table: CsvTable, rule: ColumnRule) -> bool:
 def rules_of(mapped: ColumnMapping, length_unit: str = "m") -> list[ColumnRule]:
     """Return the rule of each mapped column, that of `t` first. Raises RecordingError.
 
-    length_unit: of the recording, in which positions are kept.
+    length_unit: the recording's unit of positions.
     """
     time = mapped.section("time")
     if not time:
@@ -222,7 +225,7 @@ def _is_number(cell: str, decimal: str) -> bool:
 
 
 def _numbers(path: Path, mapped: ColumnMapping, table: CsvTable, rule: ColumnRule) -> Array:
-    """Return one column. Raises RecordingError, which names the column, the line and the value."""
+    """Return one column as numbers. Raises RecordingError with the column, the line and the value."""
     found = table.header.count(rule.source_column)
     if found != 1:
         what = f"{counted(found, 'column') if found else 'no column'} {rule.source_column!r}"
@@ -246,7 +249,7 @@ def _numbers(path: Path, mapped: ColumnMapping, table: CsvTable, rule: ColumnRul
 
 
 def _hint(header: list[str]) -> str:
-    """Return a question on the delimiter if the only column's name holds a separator; else nothing."""
+    """Return a question on the delimiter if the only column's name contains a separator; otherwise empty."""
     for delimiter in (";", "\t", "|", BLANK):
         if len(header) == 1 and delimiter in header[0]:
             return f"; is the delimiter {delimiter!r}?"

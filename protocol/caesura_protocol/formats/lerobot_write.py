@@ -68,12 +68,12 @@ class Texts(NamedTuple):
     numbers: dict[str, int]
 
     def number(self, text: str) -> int:
-        """Return the number of a text, a new one where it has none."""
+        """Return the number of a text; add a new text."""
         return self.numbers.setdefault(text, len(self.numbers))
 
 
 class EpisodeRange(NamedTuple):
-    """The data file that holds an episode, and the episode's frames among all: `first` to before `end`."""
+    """The data file of an episode, and its frames among all: `first` to before `end`."""
 
     chunk: int
     file: int
@@ -82,10 +82,10 @@ class EpisodeRange(NamedTuple):
 
 
 def write_lerobot(path: Path, episodes: Sequence[Episode], *, language: bool = True) -> int:
-    """Write a dataset into a new directory, all of it or none; returns the number of frames.
+    """Write a dataset into a new directory, completely or not at all; return the number of frames.
 
-    language: with `language_persistent`; lerobot 0.4 refuses a dataset that has it.
-    Raises EpisodeError where the directory exists or an episode has too many sub-tasks, and OSError.
+    language: with `language_persistent`; lerobot 0.4 refuses a dataset that has it. Raises EpisodeError where
+    the directory exists or an episode has too many sub-tasks, and OSError.
     """
     if path.exists():
         raise EpisodeError(f"{path} exists: a dataset is written into a directory of its own")
@@ -107,7 +107,7 @@ def write_lerobot(path: Path, episodes: Sequence[Episode], *, language: bool = T
 
 @contextmanager
 def _whole(path: Path) -> Iterator[Path]:
-    """Yield a temporary directory that takes its final name only when it is whole."""
+    """Yield a temporary directory that is renamed to its final name once it is complete."""
     part = path.with_name(f".{path.name}.part")
     shutil.rmtree(part, ignore_errors=True)
     try:
@@ -122,13 +122,13 @@ def _whole(path: Path) -> Iterator[Path]:
 
 
 def _specs(episode: Episode) -> dict[str, FeatureSpec]:
-    """Features with numbers, in the order of their columns."""
+    """Return the features with numbers, in the order of their columns."""
     success = {} if episode.source.success is None else {"next.success": SUCCESS}
     return {**episode.specs, **success, **INDICES}
 
 
 def _frames(number: int, episode: Episode, tasks: Texts, subtasks: Texts) -> dict[str, NDArray[Any]]:
-    """Columns of an episode's frames: (n,) for a single number, else (n, width); `index` counts from 0."""
+    """Return columns of an episode's frames: (n,) for a single number, else (n, width); `index` from 0."""
     n, one = episode.length, episode.source
     numbers = np.array([subtasks.number(subtask.text) for subtask in episode.subtasks])
     columns: dict[str, NDArray[Any]] = {**episode.values}
@@ -148,7 +148,7 @@ def _frames(number: int, episode: Episode, tasks: Texts, subtasks: Texts) -> dic
 def _write_data(
     root: Path, episodes: Sequence[Episode], frames: Sequence[dict[str, NDArray[Any]]], *, language: bool
 ) -> list[EpisodeRange]:
-    """Write all frames, a new file past FILE_MB; completes `index`."""
+    """Write all frames, in files of at most FILE_MB; complete the column `index`."""
     places: list[EpisodeRange] = []
     number, first, writer = 0, 0, None
     try:
@@ -180,7 +180,7 @@ def _column(values: NDArray[Any]) -> pa.Array:
 
 
 def _language(episode: Episode) -> pa.Array:
-    """All sub-tasks of the episode, at every frame; each has the time of its first frame."""
+    """Return all sub-tasks of the episode, repeated for every frame; each has the time of its first frame."""
     n, width = episode.length, len(episode.subtasks)
     if n * width > MAX_LANGUAGE_ROWS:
         raise EpisodeError(
@@ -206,7 +206,7 @@ def _language(episode: Episode) -> pa.Array:
 
 
 def _statistics(columns: Values) -> Stats:
-    """Statistics of each feature, one number a component, over all of its frames."""
+    """Return the statistics of each feature over all its frames, one number per component."""
     found: Stats = {}
     for key, values in columns.items():
         wide = values.reshape(len(values), -1).astype(np.float64)
@@ -268,7 +268,7 @@ def _info(episodes: Sequence[Episode], frames: int, tasks: int, *, language: boo
 
 
 def _robot_type(episodes: Sequence[Episode]) -> str | None:
-    """Return the robot of all episodes; None where one states none, or another."""
+    """Return the robot of all episodes; None if one states none, or another."""
     stated = {episode.source.recording.setting.robot for episode in episodes}
     return stated.pop() if len(stated) == 1 else None
 
@@ -297,7 +297,7 @@ def _details(episode: Episode) -> dict[str, Any]:
 
 
 def _write_texts(path: Path, name: str, texts: Texts) -> None:
-    """Write texts as pandas does where they are the index of a table."""
+    """Write texts in the form that pandas uses for the index of a table."""
     index = f"{name}_index"
     described = {
         "index_columns": [name],

@@ -1,6 +1,6 @@
-"""A mapping file as text, from the answers to the questions that a csv of other software leaves open.
+"""Writes a mapping file from the answers to the questions that a csv of other software leaves open.
 
-What a person answers in the terminal or in the dashboard becomes a file that `--mapping` reads the next time.
+An operator answers them in the terminal or in the dashboard; `--mapping` reads the file the next time.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ NO_ANSWER = ("", "unknown", None)
 
 
 class MappingAnswers(NamedTuple):
-    """The answers. columns: Caesura's column → the file's, `t` among them; units: by signal.
+    """Answers about a csv file. columns: Caesura's column → the file's, including `t`; units: by signal.
 
-    force_of: `robot` where the file has the robot's force on the environment, which is then negated.
+    force_of: `robot` if the file has the robot's force on the environment, which is then negated.
     """
 
     columns: Mapping[str, str]
@@ -36,7 +36,7 @@ NEGATED = ("force", "torque")  # where the file has the robot's on the environme
 
 
 def mapping_text(answers: MappingAnswers) -> str:
-    """The mapping file: TOML as docs/recordings.md describes it. Columns that have no answer are left out."""
+    """Return the mapping file as TOML, see docs/recordings.md. Columns without an answer are left out."""
     return "\n".join(_lines(answers)) + "\n"
 
 
@@ -72,11 +72,11 @@ def _entry(column: str, name: str, answers: MappingAnswers) -> str:
 
 
 def _unit(signal: str, answers: MappingAnswers) -> str | None:
-    """The unit of a signal, None where it is the one that a mapping assumes."""
+    """Return the unit of a signal; None for the default of a mapping."""
     unit = answers.units.get(signal)
     return None if not unit or unit == next(iter(UNITS[signal])) else unit
 
 
 def _quoted(text: object) -> str:
-    """A TOML string: those of JSON are among them, but for one character that TOML has escaped."""
+    """Return a TOML string. JSON strings are valid TOML, except for one character that TOML must escape."""
     return json.dumps(str(text), ensure_ascii=False).replace("\x7f", "\\u007f")

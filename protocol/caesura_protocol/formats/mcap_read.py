@@ -1,7 +1,7 @@
 """Reads Caesura's MCAP files: the samples as they were sent, bit for bit. Needs the extra `mcap`.
 
-JSON writes a float in the shortest form that reads as the same float, so nothing is lost on the way. Messages
-are taken in the order of the file, which is that of arrival; results and drawings are not read, for they
+JSON writes a float in the shortest form that reads as the same float, so no precision is lost. Messages are
+read in the order of the file, which is that of arrival. Results and drawings are not read, because they
 follow from the samples.
 """
 
@@ -38,13 +38,13 @@ def read_mcap(path: Path) -> RawRecording:
 
 
 def profile_of(path: Path) -> str:
-    """Return `ros2` for a rosbag2, `""` for Caesura's. Raises ValueError for a file that is no MCAP."""
+    """Return `ros2` for a rosbag2, `""` for Caesura's. Raises ValueError for any other file."""
     with path.open("rb") as stream:
         return _translated(_profile, stream)
 
 
 def metadata_of(reader: McapReader) -> Mapping[str, str]:
-    """Return Caesura's metadata of the session. Raises ValueError where other software wrote the file."""
+    """Return Caesura's metadata of the session. Raises ValueError if other software wrote the file."""
     for record in reader.iter_metadata():
         if record.name == METADATA:
             return record.metadata
@@ -88,7 +88,7 @@ def _content(stream: IO[bytes]) -> RawRecording:
 
 
 def _rows(reader: McapReader) -> dict[str, list[dict[str, Any]]]:
-    """The messages of each topic with samples, in the order of the file."""
+    """Return the messages of each topic with samples, in the order of the file."""
     rows: dict[str, list[dict[str, Any]]] = {topic: [] for topic in _TOPICS}
     for _, channel, message in reader.iter_messages(topics=list(_TOPICS), log_time_order=False):
         rows[channel.topic].append(json.loads(message.data))
@@ -96,7 +96,7 @@ def _rows(reader: McapReader) -> dict[str, list[dict[str, Any]]]:
 
 
 def _columns(topic: str, rows: list[dict[str, Any]]) -> Iterator[tuple[str, Array]]:
-    """The signals of a topic by name. Raises ValueError where a sample has other ones than the first."""
+    """Yield the signals of a topic by name. Raises ValueError if a sample has other fields than the first."""
     if not rows:
         return
     names = [name for name in _TOPICS[topic].model_fields if name in rows[0]]

@@ -1,8 +1,9 @@
-"""A demonstration as an MCAP file, which Foxglove and Rerun open. Needs the extra `mcap`.
+"""Writes a demonstration as an MCAP file for Foxglove and Rerun. Needs the extra `mcap`.
 
-Every message is JSON with a JSON Schema beside it. Its log time is the session's clock set on the time of
-day; both are in the file's metadata, with the station, the preset and the units. A segment, a phase, a
-changepoint and a gap stand where they begin, the program at the end, the path at the beginning.
+Every message is JSON with a JSON Schema. Its log time is the session time converted to the time of day; the
+offset is in the file's metadata, with the station, the preset and the units. A segment, a phase, a
+changepoint and a gap have the time of their start, the program that of the end, the path that of the
+beginning.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ class McapContent:
 
 
 class McapMessage(NamedTuple):
-    """A message and where it goes."""
+    """A message with its topic and time."""
 
     t: float  # [s] session clock
     topic: str
@@ -80,7 +81,7 @@ class McapMessage(NamedTuple):
 
 
 def write_mcap(path: Path, content: McapContent) -> int:
-    """Write the file, all of it or none; returns the number of messages. Raises OSError."""
+    """Write the file, completely or not at all; return the number of messages. Raises OSError."""
     unfinished = path.with_name(path.name + ".part")
     try:
         with unfinished.open("wb") as stream:
@@ -99,7 +100,7 @@ def entries(content: McapContent) -> Iterator[McapMessage]:
 
 
 def sample_entries(content: McapContent) -> Iterator[McapMessage]:
-    """Messages of the samples alone, and of where they put the flange."""
+    """Yield the messages of the samples, and of the resulting flange poses."""
     streams = (
         _samples(content, "/state", RobotState),
         _samples(content, "/wrench", Wrench),
@@ -109,9 +110,9 @@ def sample_entries(content: McapContent) -> Iterator[McapMessage]:
 
 
 def poses_of(recording: Recording) -> Poses:
-    """Return the recorded poses of the flange, TRANSFORM_S apart or more.
+    """Return the recorded poses of the flange, at least TRANSFORM_S apart.
 
-    None where only joints are recorded.
+    None if only joints are recorded.
     """
     position = recording.signals.get("pos")
     if position is None:
@@ -191,7 +192,7 @@ def _samples(content: McapContent, topic: str, model: type[Message]) -> Iterator
 
 
 def _values(signal: Array) -> list[Any]:
-    """Numbers of a signal with one column, else lists of them."""
+    """Return the numbers of a signal with one column, else lists of them."""
     return (signal[:, 0] if signal.shape[1] == 1 else signal).tolist()  # type: ignore[no-any-return]
 
 
@@ -208,19 +209,19 @@ def _results(content: McapContent) -> list[McapMessage]:
 
 
 def result_of(t: float, topic: str, message: Message) -> McapMessage:
-    """A result as a message of a topic."""
+    """Return a result as a message of a topic."""
     return McapMessage(t, topic, message.model_dump(mode="json", exclude_none=True))
 
 
 def _frames(content: McapContent) -> Iterator[McapMessage]:
-    """The flange's frame as it goes."""
+    """Yield the poses of the flange's frame."""
     for t, position, orientation in zip(*(of.tolist() for of in content.poses), strict=True):
         stamp = _stamp(t, content.began_s)
         yield McapMessage(t, "/tf", _transform(stamp, _xyz(position), _xyzw(orientation)))
 
 
 def path_of(poses: Poses, began_s: float) -> McapMessage:
-    """The path through poses, one at least."""
+    """Return the path through at least one pose."""
     pairs = zip(poses.positions.tolist(), poses.orientations.tolist(), strict=True)
     points = [{"position": _xyz(position), "orientation": _xyzw(turned)} for position, turned in pairs]
     start = float(poses.t[0])
@@ -253,7 +254,7 @@ def _xyzw(quaternion: list[float]) -> dict[str, float]:
 def nanoseconds(t: float, began_s: float) -> int:
     """Return the time of day [ns] of a session time [s]. began_s: time of day [s] of its time 0.
 
-    Both are rounded apart: their sum would lose what is below 0.2 µs.
+    Both are rounded separately: their sum would lose precision below 0.2 µs.
     """
     return round(began_s * NS) + round(t * NS)
 

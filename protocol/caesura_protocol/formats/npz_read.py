@@ -1,4 +1,4 @@
-"""Caesura's npz: an array a signal, a text an option. Objects are never unpickled."""
+"""Reads Caesura's npz: one array per signal, one text per option. Objects are never unpickled."""
 
 from __future__ import annotations
 
@@ -25,7 +25,9 @@ NPZ_STATED = (*STATED, QUATERNION_ORDER)
 
 
 def read_npz(path: Path) -> RawRecording:
-    """The arrays and options of a file. Raises RecordingError, or ValueError for no archive of arrays."""
+    """Return arrays and options of a file. Raises RecordingError, or ValueError if it is no archive of
+    arrays.
+    """
     if not is_zipfile(path):
         raise ValueError("no archive of arrays, as numpy.savez writes it, or cut short")
     with np.load(path, allow_pickle=False) as file:
@@ -46,7 +48,7 @@ def read_npz(path: Path) -> RawRecording:
 
 
 def _in_order(path: Path, arrays: dict[str, Array], order: str | None) -> list[str]:
-    """Bring quaternions into the order x y z w; what is assumed of an order that is not stated."""
+    """Convert quaternions to the order x y z w; return text on the assumed order if none is stated."""
     if order is None:
         return [ASSUMED_ORDER]
     if order not in QUATERNION_ORDERS:
@@ -58,7 +60,7 @@ def _in_order(path: Path, arrays: dict[str, Array], order: str | None) -> list[s
 
 
 def _loaded(file: Any, key: str) -> NDArray[Any]:
-    """An array of an npz file. Objects are never unpickled."""
+    """Return an array of an npz file. Objects are never unpickled."""
     try:
         return np.asarray(file[key])
     except ValueError as error:

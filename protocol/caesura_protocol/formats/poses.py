@@ -1,6 +1,6 @@
-"""The flange's pose from a robot's report: the end effector's pose, and its transform on the flange.
+"""Computes the flange's pose from the reported pose of the end effector and its transform on the flange.
 
-Quaternions are x y z w; a frame of the end effector that was never set (all zeros) is that of the flange.
+Quaternions are x y z w. An end effector frame that was never set (all zeros) equals the flange's.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ Quaternion = tuple[float, float, float, float]
 
 
 class Transform(NamedTuple):
-    """A frame in another."""
+    """The pose of one frame in another."""
 
     position: Vector  # [m]
     orientation: Quaternion
@@ -25,7 +25,9 @@ HERE = Transform((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
 def flange_of(effector: Transform, effector_on_flange: Transform) -> Transform:
-    """O_T_F = O_T_EE · (F_T_EE)⁻¹: the flange, from the end effector in the base frame and on the flange."""
+    """Return O_T_F = O_T_EE · (F_T_EE)⁻¹: the flange, from the end effector in base frame and on the
+    flange.
+    """
     if effector_on_flange == HERE or not any(effector_on_flange.orientation):
         return effector
     (x, y, z), (ox, oy, oz, ow) = effector_on_flange
@@ -36,7 +38,7 @@ def flange_of(effector: Transform, effector_on_flange: Transform) -> Transform:
 
 
 def multiply(one: Quaternion, other: Quaternion) -> Quaternion:
-    """The product of two rotations, the other one first."""
+    """Return the product of two rotations, of which the second is applied first."""
     x, y, z, w = one
     a, b, c, d = other
     return (
@@ -48,14 +50,14 @@ def multiply(one: Quaternion, other: Quaternion) -> Quaternion:
 
 
 def rotate(by: Quaternion, vector: Vector) -> Vector:
-    """A vector, turned."""
+    """Return a vector, rotated."""
     x, y, z, w = by
     turned = multiply(multiply(by, (*vector, 0.0)), (-x, -y, -z, w))
     return turned[:3]
 
 
 def pose_of(matrix: Sequence[float]) -> Transform:
-    """A 4×4 matrix in column-major order, as libfranka has it, as a pose.
+    """Return the pose of a 4×4 matrix in column-major order, as in libfranka.
 
     matrix: (16,); rotation [[m0, m4, m8], [m1, m5, m9], [m2, m6, m10]], position m12, m13, m14 [m].
     """
@@ -64,7 +66,7 @@ def pose_of(matrix: Sequence[float]) -> Transform:
 
 
 def _quaternion_of(m: Sequence[float]) -> Quaternion:
-    """Shepperd's method: the largest of the four is taken first, so that nothing is divided by little."""
+    """Return the quaternion by Shepperd's method: the largest component first, to avoid small divisors."""
     xx, yy, zz = float(m[0]), float(m[5]), float(m[10])
     squares = (1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz, 1.0 + xx + yy + zz)  # 4 x², …
     largest = max(range(4), key=squares.__getitem__)
@@ -84,7 +86,7 @@ def _quaternion_of(m: Sequence[float]) -> Quaternion:
 
 
 def pose_of_rotation_vector(values: Sequence[float]) -> Transform:
-    """A pose (6,): position, then rotation vector (axis times angle [rad]), as Universal Robots has it."""
+    """Return the pose of (6,): position, then rotation vector (axis times angle [rad]), as in UR robots."""
     x, y, z, *turn = map(float, values)
     a, b, c = turn
     angle = sqrt(a * a + b * b + c * c)
@@ -93,7 +95,7 @@ def pose_of_rotation_vector(values: Sequence[float]) -> Transform:
 
 
 def pose_of_roll_pitch_yaw(position: Vector, turn: Sequence[float]) -> Transform:
-    """A pose by turns [rad] about x, then y, then z of the base frame, as UFACTORY has it."""
+    """Return the pose of turns [rad] about x, then y, then z of the base frame, as in UFACTORY robots."""
     roll, pitch, yaw = (0.5 * float(angle) for angle in turn)
     about_x = (sin(roll), 0.0, 0.0, cos(roll))
     about_y = (0.0, sin(pitch), 0.0, cos(pitch))
@@ -102,14 +104,14 @@ def pose_of_roll_pitch_yaw(position: Vector, turn: Sequence[float]) -> Transform
 
 
 def moved_wrench(wrench: Sequence[float], about: Vector, place: Vector) -> list[float]:
-    """A wrench (6,) about one point as one about another; all in one frame."""
+    """Return a wrench (6,) about one point as a wrench about another; all in one frame."""
     fx, fy, fz, mx, my, mz = map(float, wrench)
     x, y, z = about[0] - place[0], about[1] - place[1], about[2] - place[2]
     return [fx, fy, fz, mx + y * fz - z * fy, my + z * fx - x * fz, mz + x * fy - y * fx]
 
 
 def nearest(orientation: Quaternion, last: Quaternion) -> Quaternion:
-    """The same rotation with the sign that lies nearer to the last one."""
+    """Return the same rotation with the sign nearer to the last one."""
     x, y, z, w = orientation
     along = x * last[0] + y * last[1] + z * last[2] + w * last[3]
     return orientation if along >= 0.0 else (-x, -y, -z, -w)

@@ -11,17 +11,18 @@ Array = NDArray[np.float64]
 
 
 class WrenchStatement(NamedTuple):
-    """Statements of a user on a wrench whose file states nothing; None: not stated."""
+    """A user's statements on a wrench whose file states nothing; None: not stated."""
 
     source: str | None = None
     force_frame: str | None = None
 
 
 class RawRecording(NamedTuple):
-    """Signals by name, `t` among them: (n,) or (n, width); options by name; the names of the rest.
+    """The unvalidated content of a recording's file.
 
-    assumed: what the reader assumes where the file leaves it open, a sentence each; lines: of the samples in
-    a text file; has_calendar_time: the file has times of day, which are no numbers of a unit.
+    Signals by name, including `t`: (n,) or (n, width); options by name; names of other content. assumed: the
+    reader's assumptions about what the file leaves open, one sentence each; lines: line numbers of the
+    samples in a text file; has_calendar_time: whether the file has times of day, to which no unit applies.
     """
 
     arrays: dict[str, Array]

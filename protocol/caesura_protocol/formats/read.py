@@ -84,20 +84,20 @@ def load_recording(
     check_units: bool = True,
     as_stated: bool = False,
 ) -> Recording:
-    """Read a recording: npz, csv, our MCAP, or a rosbag2; the arguments override what the file declares.
+    """Read a recording: npz, csv, Caesura's MCAP, or a rosbag2; the arguments override the file's statements.
 
-    force_frame: of a file that states none; another one than the file states is refused. up: the direction
-    away from gravity in the base frame, as `x,y,z` or an axis such as `-z`.
+    force_frame: of a file that states none; one that contradicts the file is refused. up: the direction away
+    from gravity in the base frame, as `x,y,z` or an axis such as `-z`.
 
-    Csv files carry one column a component, named as in `columns` (t, px, py, pz, fx, …), and may state
-    options in leading comment lines such as `# length_unit: mm`. mapping: a file that says what is what in
-    a csv or a rosbag2 of other software (`formats.mapping`).
-    time_unit, angle_unit, force_unit: of `t`, `q` and `force` in the file; they become s, rad and N.
-    A unit among the arguments is declared: it is believed. check_units: refuse samples which are probably in
-    another unit (`caesura_protocol.plausibility`), and times that go back.
-    as_stated: keep a wrench that cannot be used (`caesura_protocol.wrench_faults`), for a copy of the file;
-    else its source is `none` or its torque is left out, and `Recording.cautions` has the reason.
-    Raises RecordingError for anything that is not a recording, SourceError where an extra is missing.
+    Csv files have one column per component, named as in `columns` (t, px, py, pz, fx, …), and may state
+    options in leading comment lines such as `# length_unit: mm`. mapping: a file that maps the names of a csv
+    or a rosbag2 of other software (`formats.column_mapping`). time_unit, angle_unit, force_unit: of `t`, `q`
+    and `force` in the file; they become s, rad and N. A unit among the arguments is declared, and not
+    questioned. check_units: refuse samples that are probably in another unit
+    (`caesura_protocol.plausibility`), and times that go back. as_stated: keep a wrench that cannot be used
+    (`caesura_protocol.wrench_faults`), for a copy of the file; otherwise its source is `none` or its torque
+    is left out, and `Recording.cautions` has the reason. Raises RecordingError for anything that is not a
+    recording, SourceError for a missing extra.
     """
     stated = declared_units(length=length_unit, time=time_unit, angle=angle_unit, force=force_unit)
     overrides = {
@@ -153,7 +153,7 @@ def load_recording(
 
 
 def _assumed_of(signals: Mapping[str, Array], *, assumes_frame: bool) -> Iterator[str]:
-    """Yield sentences on what is assumed because no file states it: the frame, and a gripper's flag."""
+    """Yield sentences on assumptions that no file states: the frame, and a gripper's flag."""
     if assumes_frame:
         yield ASSUMED_FRAME
     if "gripper" in signals and is_flag(signals["gripper"][:, 0]):
@@ -161,7 +161,7 @@ def _assumed_of(signals: Mapping[str, Array], *, assumes_frame: bool) -> Iterato
 
 
 def _convert(path: Path, raw: RawRecording, stated: Mapping[Quantity, str]) -> None:
-    """Bring arrays into Caesura's units, in place. Raises RecordingError for a unit of times of day."""
+    """Convert arrays to Caesura's units, in place. Raises RecordingError for a unit of times of day."""
     if raw.has_calendar_time and "time" in stated:
         raise RecordingError(
             f"{path}: --time-unit {stated['time']} is for times that are numbers, and this file has times of "
@@ -173,7 +173,7 @@ def _convert(path: Path, raw: RawRecording, stated: Mapping[Quantity, str]) -> N
 
 
 def _with_usable_wrench(recording: Recording) -> Recording:
-    """The recording, with what is found of its wrench; what cannot be used is left out."""
+    """Return the recording with the findings on its wrench; an unusable part is left out."""
     reading = read_wrench(
         recording.t,
         recording.signals,
@@ -195,7 +195,7 @@ def _with_usable_wrench(recording: Recording) -> Recording:
 
 
 def _without_wrench(arrays: Mapping[str, Array], options: dict[str, str]) -> list[str]:
-    """State the source `none` where there is no wrench; the source that was stated, with the reason."""
+    """State the source `none` if there is no wrench; return text on a stated source, with the reason."""
     source = options.get("wrench_source", "none")
     if "force" in arrays or "tau" in arrays or source not in WRENCH_SOURCES:
         return []
@@ -204,14 +204,14 @@ def _without_wrench(arrays: Mapping[str, Array], options: dict[str, str]) -> lis
 
 
 def _without_force(arrays: Mapping[str, Array], force_frame: str | None) -> list[str]:
-    """Return text on a frame of the command line that is of no force, with the reason; else none."""
+    """Return text on a frame of the command line if there is no force, with the reason; else none."""
     if force_frame is None or "force" in arrays:
         return []
     return [f"--force-frame {force_frame}, because there is no force"]
 
 
 def _check_frame(path: Path, arrays: Mapping[str, Array], in_file: str | None, stated: str | None) -> None:
-    """Raise RecordingError where the command line states another frame of the force than the file."""
+    """Raise RecordingError if the command line states another frame of the force than the file."""
     if stated is None or in_file not in FORCE_FRAMES or in_file == stated:
         return
     why = (
@@ -221,7 +221,7 @@ def _check_frame(path: Path, arrays: Mapping[str, Array], in_file: str | None, s
 
 
 def _check_overrides(path: Path, options: Mapping[str, str], overrides: Mapping[str, str | None]) -> None:
-    """Raise RecordingError where an option of the command line contradicts another one, or the file."""
+    """Raise RecordingError if an option of the command line contradicts another one, or the file."""
     stated = {key: value for key, value in overrides.items() if value is not None and key in _OF_HAND}
     merged = {**options, **stated}
     wrong = contradiction(merged.get("wrench_source"), merged.get("hand_on_robot", "unknown"))
@@ -232,7 +232,7 @@ def _check_overrides(path: Path, options: Mapping[str, str], overrides: Mapping[
 
 
 def _stated_up(up: str | None) -> dict[str, str]:
-    """The direction of the command line as an option of a file. Raises RecordingError."""
+    """Return the direction of the command line as an option of a file. Raises RecordingError."""
     try:
         return {} if up is None else {"up": up_text(parse_up(up))}
     except ValueError as error:
@@ -267,12 +267,13 @@ _CONVERTED: Mapping[Quantity, str] = {"time": "t", "angle": "q", "force": "force
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is the directory of a rosbag2, and so one recording."""
+    """Return whether a path is the directory of a rosbag2, and so one recording."""
     return (path / BAG_METADATA).is_file()
 
 
 def recordings_of(paths: Iterable[Path]) -> list[Path]:
-    """The recordings that are named, each once; a directory that is no rosbag2 stands for all in it, by name.
+    """Return the named recordings, each once; a directory that is no rosbag2 names all its recordings,
+    sorted.
 
     Raises RecordingError for a directory without one.
     """
@@ -309,7 +310,7 @@ def _read(path: Path, mapping: Path | None, stated: WrenchStatement) -> RawRecor
 
 
 def _unknown(path: Path) -> str:
-    """Return text on a path that no reader reads, and on what is read."""
+    """Return text on a path that no reader accepts, and on the accepted formats."""
     expected = f"expected one of {', '.join(_READERS)}, or the directory of a rosbag2"
     if not path.is_dir():
         return f"suffix {path.suffix!r}, {expected}{'' if path.exists() else '; and there is no such file'}"
@@ -323,7 +324,7 @@ def _unknown(path: Path) -> str:
 
 @contextmanager
 def _unchanged(path: Path) -> Iterator[None]:
-    """Raise RecordingError where the file grows or is replaced while it is read, whatever else is wrong."""
+    """Raise RecordingError if the file grows or is replaced while it is read, instead of any other error."""
     before = path.stat()
     try:
         yield
@@ -392,7 +393,7 @@ def _delimiter(header: str) -> str | None:
 
 
 def _without_last_delimiter(rows: list[list[str]]) -> list[list[str]]:
-    """The rows without the empty cell that a delimiter at their ends makes, in the header too or not."""
+    """Return the rows without the empty cell made by a delimiter at their ends."""
     width = len(rows[0]) if rows[0][-1] else len(rows[0]) - 1
     if all(len(row) == width + 1 and not row[-1] for row in rows[1:]):
         return [row[:width] for row in rows]
@@ -400,7 +401,7 @@ def _without_last_delimiter(rows: list[list[str]]) -> list[list[str]]:
 
 
 def _with_seconds(index: int, rows: list[list[str]], lines: Sequence[int]) -> str:
-    """Replace the dates of a column by seconds from the first one, in place; the first one."""
+    """Replace the dates of a column by seconds from the first one, in place; return the first date."""
     cells = [cell_of(row, index) for row in rows]
     times = seconds_of(cells, [f"line {line}" for line in lines])
     for row, time in zip(rows, times.t.tolist(), strict=True):
@@ -413,7 +414,7 @@ MOST_NAMED = 20  # columns of a file, in an error
 
 
 def _foreign(path: Path) -> UnknownColumnsError:
-    """The error for a csv with other columns: those that it has, and a mapping of them as an example."""
+    """Return the error for a csv with other columns, which lists them, with an example of a mapping."""
     layout = read_layout(path)
     header, guess = layout.header, with_turns(layout, guessed(layout))
     more = f" and {len(header) - MOST_NAMED} more" if len(header) > MOST_NAMED else ""
@@ -427,7 +428,7 @@ def _foreign(path: Path) -> UnknownColumnsError:
 
 
 def _columns(header: list[str], rows: list[list[str]], lines: list[int]) -> dict[str, Array]:
-    """The table by column; lines: of the rows. Raises ValueError where it is no rectangle of numbers."""
+    """Return the table by column; lines: of the rows. Raises ValueError if it is no rectangle of numbers."""
     twice = sorted({name for name in header if header.count(name) > 1})
     if twice:
         raise ValueError(f"column {twice[0]} comes twice: leave one of them out, or give it another name")
@@ -463,7 +464,7 @@ def _check_number(line: int, name: str, cell: str) -> None:
 
 
 def _whole_signals(path: Path, column: Mapping[str, Array]) -> dict[str, tuple[str, ...]]:
-    """The columns of each signal. Raises RecordingError where a part of one is missing."""
+    """Return the columns of each signal. Raises RecordingError if a part of one is missing."""
     for signal, names in COLUMNS_OF_SIGNAL.items():
         if missing := missing_columns(signal, column):
             found = [name for name in names if name in column]

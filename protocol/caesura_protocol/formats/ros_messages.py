@@ -1,14 +1,14 @@
-"""The content of ROS 2 messages in Caesura's names, units and signs.
+"""Converts the content of ROS 2 messages to Caesura's names, units and signs.
 
 Signs. libfranka's O_F_ext_hat_K counts forces of the robot on the environment as positive (robot_state.h:
 "Forces applied by the robot to the environment are positive, while forces applied by the environment on the
 robot are negative"; frankarobotics/libfranka issue 26 has the measurement), and tau_ext_hat_filtered, of
-which it is the (Jᵀ)⁻¹ (issue 112 there), goes with it. Caesura's force is the environment's on the robot,
-so both are negated; franka_ros2 passes them on as they are. A WrenchStamped does not state it: `force_of` in
-a mapping does, with the environment's force as the default.
+which it is the (Jᵀ)⁻¹ (issue 112 there), goes with it. Caesura's force is the environment's on the robot, so
+both are negated; franka_ros2 passes them on as they are. A WrenchStamped does not state it: `force_of` in a
+mapping does, with the environment's force as the default.
 
-The pose of a FrankaRobotState is that of the end effector; where that is on the flange (`f_t_ee`) stands
-beside it, and is taken off. A PoseStamped is taken for the flange in the base frame.
+The pose of a FrankaRobotState is that of the end effector. The message states its transform on the flange
+(`f_t_ee`), which is removed. A PoseStamped counts as the flange in the base frame.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _BASE_FRAME = re.compile(r"(^|[_/])(base(_link)?|link0|world)$")
 
 @dataclass(frozen=True)
 class TopicRule:
-    """Rule of a mapping for one topic; every field is optional."""
+    """A mapping's rule for one topic; every field is optional."""
 
     topic: str = ""
     type: str | None = None
@@ -47,7 +47,7 @@ class TopicRule:
 
 
 def topic_rules(mapped: ColumnMapping | None) -> dict[str, TopicRule]:
-    """The rules of a mapping by topic. Raises RecordingError."""
+    """Return the rules of a mapping by topic. Raises RecordingError."""
     found = {} if mapped is None else mapped.section("topics")
     return {topic: _rule(mapped, topic, entry) for topic, entry in found.items() if mapped is not None}
 
@@ -70,7 +70,7 @@ def _rule(mapped: ColumnMapping, topic: str, entry: Any) -> TopicRule:
 
 
 def definitions_of(rules: Mapping[str, TopicRule], beside: Path | None = None) -> list[tuple[str, str]]:
-    """The definitions that rules bring: (type, .msg text). Raises RecordingError."""
+    """Return the message definitions that rules name: (type, .msg text). Raises RecordingError."""
     found = []
     for rule in rules.values():
         if rule.definition is not None and rule.type is not None:
@@ -84,7 +84,7 @@ def definitions_of(rules: Mapping[str, TopicRule], beside: Path | None = None) -
 
 
 def stamp_of(message: Any, where: str) -> int:
-    """The header's stamp [ns]. Raises RecordingError where it was never set."""
+    """Return the header's stamp [ns]. Raises RecordingError if it was never set."""
     stamp = message.header.stamp
     if not (stamp.sec or stamp.nanosec):
         raise RecordingError(f"{where}: its header has no time stamp, without which samples have no time")
@@ -92,13 +92,13 @@ def stamp_of(message: Any, where: str) -> int:
 
 
 def values_of(message_type: str, message: Any, rule: TopicRule) -> Values:
-    """Return the values of a message, by signal. Raises RecordingError where joints are missing."""
+    """Return the values of a message, by signal. Raises RecordingError if joints are missing."""
     reported = _READERS[message_type](message, rule)
     return reported if rule.signals is None else {s: reported[s] for s in rule.signals if s in reported}
 
 
 def frame_of(message_type: str, message: Any) -> str | None:
-    """The frame in which the message gives forces, as far as its name states it; None where it does not."""
+    """Return the frame of the message's forces according to its name; None if the name does not state it."""
     if message_type == FRANKA_STATE:
         return "base"
     name = str(message.header.frame_id)
@@ -182,7 +182,7 @@ def _arm_joint(name: str) -> int | None:
 
 
 def _in_order(names: Sequence[str], values: Sequence[float], rule: TopicRule) -> list[float]:
-    """The joints, from the base on: by the rule's names, or seven by the numbers in their names."""
+    """Return the joints, from the base on: by the rule's names, or seven by the numbers in their names."""
     if not names and len(values) == (JOINTS if rule.joints is None else len(rule.joints)):
         return [float(value) for value in values]
     by_name = dict(zip(names, values, strict=True)) if len(names) == len(values) else {}

@@ -1,4 +1,4 @@
-"""The types of ROS 2 messages that are read, with those that rosbags does not bring.
+"""The types of the ROS 2 messages that are read, including those that rosbags lacks.
 
 `franka_msgs` is that of version 1.0.0 (2025-01-22), as docs.ros.org has it for Humble and as the repository
 frankaemika/franka_ros2 has it; its type hash is `FRANKA_HASH`. Later ones of Franka's add fields (the
@@ -101,7 +101,7 @@ _DEFINITIONS = {
 
 
 def typestore(definitions: Iterable[tuple[str, str]] = ()) -> Typestore:
-    """ROS 2's own types and Franka's; definitions: (type, .msg text) that replace the built-in ones."""
+    """Return ROS 2's types and Franka's; definitions: (type, .msg text) that replace the built-in ones."""
     others = tuple(definitions)
     return _store(others) if others else _common()
 
@@ -119,17 +119,17 @@ def _store(others: tuple[tuple[str, str], ...]) -> Typestore:
 
 
 class CannotDecode(ValueError):  # noqa: N818 - reads better where it is caught
-    """A payload is not what its type says; the message says what was found."""
+    """A payload does not match its type; the message states the difference."""
 
 
 class Decoder:
-    """CDR to messages."""
+    """Decodes CDR to messages."""
 
     def __init__(self, store: Typestore) -> None:
         self._store = store
 
     def read(self, name: str, payload: bytes, type_hash: str | None = None) -> Any:
-        """A message. type_hash: as the sender names its definition, if it does. Raises CannotDecode."""
+        """Return a message. type_hash: the sender's hash of its definition, if known. Raises CannotDecode."""
         own = self._hash(name)
         if type_hash is not None and type_hash.startswith("RIHS01_") and type_hash != own:
             raise CannotDecode(

@@ -1,7 +1,7 @@
-"""A rosbag2, mcap or sqlite3, as a recording. Needs the extra `ros2`.
+"""Reads a rosbag2, mcap or sqlite3, as a recording. Needs the extra `ros2`.
 
-Times are those of the message headers, not of the recorder. What is read of which topic: `ros_plan`; how
-several topics become one matrix: `joining`.
+Times are those of the message headers, not of the recorder. `topic_selection` selects the topic of each
+signal; `signal_aligner` joins several topics to one matrix.
 """
 
 from __future__ import annotations
@@ -35,7 +35,9 @@ FIRST_MESSAGES = 50  # messages of a topic, to find its signals: joint states ma
 
 
 def read_rosbag(path: Path, mapped: ColumnMapping | None, stated: WrenchStatement) -> RawRecording:
-    """A rosbag2's directory, or one of its files. Raises RecordingError, or ValueError for no rosbag2."""
+    """Read a rosbag2's directory, or one of its files. Raises RecordingError, or ValueError for another
+    file.
+    """
     rules = topic_rules(mapped)
     store = typestore(definitions_of(rules, path))
     try:
@@ -49,7 +51,7 @@ def read_rosbag(path: Path, mapped: ColumnMapping | None, stated: WrenchStatemen
 
 
 def _check_types(path: Path) -> None:
-    """Refuse names that are none before rosbags makes classes of them, for which it compiles what it read."""
+    """Refuse invalid type names before rosbags makes classes of them, for which it compiles text."""
     with Reader(path) as reader:
         for connection in reader.connections:
             if not TYPE_NAME.fullmatch(connection.msgtype):
@@ -60,7 +62,7 @@ def _check_types(path: Path) -> None:
 
 
 def _topics(reader: AnyReader, rules: Mapping[str, TopicRule], path: Path) -> dict[str, Topic]:
-    """The topics to read: those of the mapping, or else all of a type that is read."""
+    """Return the topics to read: those of the mapping, or else all of a supported type."""
     available = {connection.topic: connection for connection in reader.connections}
     missing = sorted(set(rules) - set(available))
     if missing:
@@ -98,7 +100,7 @@ def _first_messages(reader: AnyReader, topics: Mapping[str, Topic]) -> Iterator[
 def _content(
     path: Path, reader: AnyReader, topics: Mapping[str, Topic], plan: TopicSelection, *, named: bool
 ) -> RawRecording:
-    """Return the content of a plan's topics, aligned in time. named: a mapping names the topics.
+    """Return the content of a plan's topics, aligned in time. named: whether a mapping names the topics.
 
     Raises RecordingError if the signals have no time in common.
     """
@@ -123,7 +125,7 @@ def _content(
 
 
 def _of_topics(topic_of: Mapping[str, str]) -> Iterator[str]:
-    """Yield a sentence on topics that were combined by their types: they may be those of several robots."""
+    """Yield a sentence on topics that were combined by their types: they may come from several robots."""
     signals = [signal for signal in COLUMNS_OF_SIGNAL if signal in topic_of]
     names = [*dict.fromkeys(topic_of[signal] for signal in signals)]
     if len(names) < 2:
@@ -136,7 +138,7 @@ def _of_topics(topic_of: Mapping[str, str]) -> Iterator[str]:
 
 
 def _of_rates(plan: TopicSelection, joiner: SignalAligner, counts: Counter[str], rows: int) -> Iterator[str]:
-    """Yield sentences on signals that are held between their values, and on rows left out for want of one."""
+    """Yield sentences on signals held between their values, and on rows left out for lack of one."""
     leads = counts[joiner.leader]
     for name in sorted(set(plan.topic_of.values())):
         slow = [

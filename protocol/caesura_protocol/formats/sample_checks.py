@@ -1,7 +1,8 @@
-"""Values and times that no session takes, found while a file is read: each with its sample, limit and remedy.
+"""Finds values and times that no session accepts while a file is read: each with its sample, limit and
+remedy.
 
-The service refuses the same values, but only names a sample. It leaves out samples whose time does not
-advance; those that follow a step back are named here.
+The service refuses the same values, and states only the sample. It leaves out samples whose time does not
+increase; this module reports those that follow a step back.
 """
 
 from __future__ import annotations
@@ -33,7 +34,10 @@ LEAPS: Mapping[str, Callable[[Recording], tuple[float, str, float, float]]] = {
 
 
 def check_values(recording: Recording) -> None:
-    """Raise RecordingError for the first value of a signal that no session takes; not of a few samples."""
+    """Raise RecordingError for the first value of a signal that no session accepts.
+
+    Only a few stray samples are no error.
+    """
     if recording.t.size < LEAST_SAMPLES:
         return
     for found in _wrong_values(recording):
@@ -41,7 +45,7 @@ def check_values(recording: Recording) -> None:
 
 
 def check_time_steps(recording: Recording) -> None:
-    """Raise RecordingError where most samples have the time of the one before, as in whole seconds."""
+    """Raise RecordingError if most samples have the time of the one before, as in whole seconds."""
     t = recording.t
     repeated = t[1:] == t[:-1]
     if (
@@ -58,7 +62,7 @@ def check_time_steps(recording: Recording) -> None:
 
 
 def left_out(recording: Recording) -> tuple[str, ...]:
-    """Return sentences on the samples that are left out because their time does not advance.
+    """Return sentences on the samples that are left out because their time does not increase.
 
     There is one for each step back, for at most SHOWN of them, and one on many repeated times.
     """
@@ -89,9 +93,10 @@ def left_out(recording: Recording) -> tuple[str, ...]:
 
 
 def stray_places(recording: Recording) -> str | None:
-    """Name samples whose place is far from those before and after, which are near each other; else None.
+    """Return text on samples far from those before and after, which are close to each other; None without
+    any.
 
-    A value that was lost and written as 0 leaps so. No robot is there and back within a few samples.
+    A lost value that was written as 0 appears so. No robot moves there and back within a few samples.
     """
     signal = "pos" if "pos" in recording.signals else "q"
     scale, unit, speed, least = LEAPS[signal](recording)
@@ -118,9 +123,9 @@ def stray_places(recording: Recording) -> str | None:
 
 
 def leaping_places(recording: Recording) -> str | None:
-    """Name places from which the robot goes on elsewhere at once, faster than an arm can; else None.
+    """Return text on jumps of the position, faster than an arm can move; None without any.
 
-    A base frame that was changed, or two recordings in one file. Values that come back are `stray_places`.
+    Causes are a changed base frame, or two recordings in one file. Values that jump back are `stray_places`.
     """
     signal = "pos" if "pos" in recording.signals else "q"
     scale, unit, speed, least = LEAPS[signal](recording)
@@ -148,7 +153,7 @@ def _distances(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[
 
 
 def check_clock(recording: Recording) -> None:
-    """Raise RecordingError where a time is no time, goes back by more than a pause, or leaps."""
+    """Raise RecordingError for a time that is not finite, goes back by more than a pause, or jumps ahead."""
     t = recording.t
     if t.size < LEAST_SAMPLES:
         return
@@ -170,7 +175,7 @@ def check_clock(recording: Recording) -> None:
 
 
 def is_quaternion(joints: NDArray[np.float64] | None) -> bool:
-    """Whether four joints (n, 4) are a quaternion: their squares add up to 1 in every sample."""
+    """Return whether four joints (n, 4) are a quaternion: their squares add up to 1 in every sample."""
     if joints is None or joints.ndim != 2 or joints.shape[1] != 4 or len(joints) < LEAST_SAMPLES:
         return False
     return bool((np.abs(np.linalg.norm(joints, axis=1) - 1.0) < QUATERNION_NORM).all())
@@ -197,7 +202,7 @@ def _wrong_values(recording: Recording) -> Iterator[str]:
 
 
 def _wrong_openings(recording: Recording, openings: NDArray[np.float64]) -> Iterator[str]:
-    """Yield errors for openings that are counts, percent, in another unit, fractions, or below 0."""
+    """Yield errors for openings that are counts, percent, fractions, negative, or in another unit."""
     widths = np.abs(openings)
     if (row := _first(widths > WIDEST_M)) is not None:
         likely = "are they counts of a gripper? Convert counts or percent to its opening"
@@ -223,12 +228,12 @@ def _wrong_openings(recording: Recording, openings: NDArray[np.float64]) -> Iter
 
 
 def is_flag(openings: NDArray[np.float64]) -> bool:
-    """Whether a gripper's column says closed (1) or not (0), and no opening."""
+    """Return whether a gripper's column is a flag, closed (1) or not (0), and not an opening."""
     return bool(((openings == 0.0) | (openings == 1.0)).all() and (openings == 1.0).any())
 
 
 def _times_shown(t: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Times [s] as they are shown: late ones, such as those of day, from the first sample on."""
+    """Return times [s] as displayed: large ones, such as times of day, relative to the first sample."""
     return t - t[0] if abs(t[0]) > FAR_S else t
 
 

@@ -1,9 +1,9 @@
 """Joins signals of different messages and times into rows of one matrix.
 
-A row is made for every value of the signal that leads (`pos`, or else `q`); each other signal stands in it
-with its newest value at or before that time, never with a later one: live there is none. Nothing is made up
-where a signal pauses: after `max_age_s` rows end until it is back, and the service sees a gap. A gripper may
-be silent as long as it likes, because it publishes when it moves.
+A row is made for every value of the leading signal (`pos`, or else `q`). Each other signal has its newest
+value at or before that time, never a later one, which does not exist in a live stream. If a signal pauses for
+longer than `max_age_s`, no rows are made until it continues, and the service has a gap. A gripper may pause
+without a limit, because it publishes when it moves.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ Values = Sequence[float]
 
 
 class SignalAligner:
-    """Values with their stamps [ns] in, rows (t, …) out; t [s] counts from the first stamp of the leader.
+    """Joins values with their stamps [ns] to rows (t, …); t [s] counts from the leading signal's first stamp.
 
-    signals: what a row has; patience_s: how long a row waits for a signal that lags behind the leader. Live
-    it must be short, in a file it may be FOREVER.
+    signals: those of a row; patience_s: how long a row waits for a delayed signal. It must be short for a
+    live stream, and may be FOREVER for a file.
     """
 
     def __init__(self, signals: Sequence[str], *, patience_s: float = FOREVER, joints: int = JOINTS) -> None:
@@ -44,7 +44,7 @@ class SignalAligner:
         self._now: dict[str, tuple[int, Values]] = {}  # the newest of each at or before the row
 
     def push(self, stamp: int, values: Mapping[str, Values]) -> list[Row]:
-        """Add the values of one message; return the rows that are whole."""
+        """Add the values of one message; return the rows that are complete."""
         for name, value in values.items():
             if name == self.leader:
                 self._led.append((stamp, value))
@@ -59,7 +59,7 @@ class SignalAligner:
             self._now[name] = queue.popleft()
 
     def flush(self) -> list[Row]:
-        """The rows that still wait; no more comes."""
+        """Return the rows that still wait, at the end of the input."""
         return self._rows(-1.0)
 
     def _rows(self, patience_ns: float) -> list[Row]:

@@ -1,8 +1,8 @@
-"""Selection of the topic that carries each signal, by type, or as a mapping states.
+"""Selects the topic of each signal, by type or by a mapping.
 
-Of two topics with the same signal the better one is taken (`_RANK`): a sensor's wrench before the estimate of
-the robot, the robot's whole state before joints and poses of others. Two of the same type are an error that
-names both: only the user can choose one.
+Of two topics with the same signal the better one is selected (`_RANK`): a sensor's wrench before the robot's
+estimate, the robot's complete state before joints and poses from other nodes. Two of the same type are an
+error that names both, because only the user can choose.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A recording as a file, by its suffix. What is read back is the same, bit for bit."""
+"""Writes a recording as a file, by its suffix. Reading it again returns the same, bit for bit."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from caesura_protocol.recording import Recording
 
 @contextmanager
 def _whole(path: Path) -> Iterator[Path]:
-    """Yield a temporary path that replaces the file only when it is whole."""
+    """Yield a temporary path that replaces the file only once it is complete."""
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
         yield part
@@ -24,7 +24,7 @@ def _whole(path: Path) -> Iterator[Path]:
 
 
 def write_csv(path: Path, recording: Recording) -> None:
-    """One column a component, options in leading comments; numbers as short as reads as equal."""
+    """Write one column per component, options in leading comments; numbers in the shortest exact form."""
     with _whole(path) as part, part.open("w", encoding="utf-8", newline="") as stream:
         for key, value in recording.stated_options.items():
             stream.write(f"# {key}: {value}\n")
@@ -34,7 +34,7 @@ def write_csv(path: Path, recording: Recording) -> None:
 
 
 def write_npz(path: Path, recording: Recording) -> None:
-    """Arrays by signal."""
+    """Write one array per signal."""
     with _whole(path) as part:
         recording.save(part)
 

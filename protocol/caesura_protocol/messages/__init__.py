@@ -1,7 +1,7 @@
 """All messages on the wire, as frozen models. Each field states its shape and unit.
 
-Times are seconds on the session's own clock, positions metres in the base frame, forces newtons as the
-environment acts on the robot, in the base frame. Readers ignore header fields that they do not know.
+Times are seconds on the session's clock, positions metres in the base frame, forces newtons of the
+environment on the robot, in the base frame. Readers ignore unknown header fields.
 """
 
 from caesura_protocol.messages.apps import *

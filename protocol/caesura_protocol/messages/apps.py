@@ -30,7 +30,7 @@ from caesura_protocol.messages.results import ScrewMotion
 
 
 class ViaPoint(Message):
-    """A pose of the flange on the way, base frame."""
+    """A pose of the flange on an app's path, base frame."""
 
     t: Seconds  # [s]
     position: Vector  # [m]
@@ -40,7 +40,7 @@ class ViaPoint(Message):
 
 
 class AppPath(Message):
-    """The way from the start of an app to its target, as it was taught.
+    """The taught path from the start of an app to its target.
 
     The reproduced path leads through its start, the via points and the app's target. The curve between them
     is that of `caesura_protocol.reproduced_path`; without a via point it is the straight line.
@@ -59,7 +59,7 @@ class AppPath(Message):
 
 
 class AppChange(Message):
-    """A field of an app that a person has set."""
+    """A field of an app that an operator has set."""
 
     field: ChangedField
     author: Author

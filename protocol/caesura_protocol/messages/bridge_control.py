@@ -22,7 +22,9 @@ class Start(Message):
 
 
 class Stop(Message):
-    """Command to a bridge in standby: send what is left and close the session. Repeating it is no error."""
+    """Command to a bridge in standby: send the remaining samples and close the session. Repeating it is no
+    error.
+    """
 
     type: Literal["stop"] = "stop"
     session: Name | None = None  # None: the current one
@@ -36,7 +38,7 @@ class BridgeControl(Message):
 
 
 class BridgeAck(Message):
-    """A bridge has carried out a command."""
+    """Reply of a bridge that has executed a command."""
 
     session: Name  # that was started or stopped
     state: BridgeState  # of the bridge, now

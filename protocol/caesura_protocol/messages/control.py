@@ -23,7 +23,7 @@ class Control(Message):
 
 
 class Ack(Message):
-    """A command was carried out."""
+    """Reply of the service that has executed a command."""
 
     session: Name
     next_seq: Count  # the batch that the service waits for
@@ -37,7 +37,7 @@ class Ack(Message):
 
 
 class Error(Message):
-    """A refusal, as it goes over the wire (`reply_err`)."""
+    """A refusal in the form in which it is sent (`reply_err`)."""
 
     code: ErrorCode
     message: str

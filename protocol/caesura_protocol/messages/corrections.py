@@ -1,4 +1,4 @@
-"""Corrections of what a session shows, their commands, and what each of them changes."""
+"""Corrections of a session's results, their commands, and the effect of each."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ from caesura_protocol.messages.message import Message
 
 
 class Insert(Message):
-    """A segment ends here and the next begins, as near to `t` as there are observations."""
+    """Insert a changepoint, at the observation boundary nearest to `t`."""
 
     do: Literal["insert"] = "insert"
     t: Seconds  # [s]
 
 
 class Remove(Message):
-    """The two segments that meet in the changepoint nearest to `t` are one."""
+    """Remove the changepoint nearest to `t`: its two segments become one."""
 
     do: Literal["remove"] = "remove"
     t: Seconds  # [s]
 
 
 class Move(Message):
-    """The changepoint nearest to `t` is at `to` instead."""
+    """Move the changepoint nearest to `t` to `to`."""
 
     do: Literal["move"] = "move"
     t: Seconds  # [s]
@@ -47,7 +47,7 @@ class Move(Message):
 
 
 class Relabel(Message):
-    """The segment in which `t` lies is one, from end to end, and of this kind."""
+    """Set the kind of the segment that contains `t`; no changepoint is then inside it."""
 
     do: Literal["relabel"] = "relabel"
     t: Seconds  # [s]
@@ -55,7 +55,7 @@ class Relabel(Message):
 
 
 class LimitForce(Message):
-    """The app in whose time `t` lies exerts no more than this."""
+    """Limit the force of the app that contains `t`."""
 
     do: Literal["limit_force"] = "limit_force"
     t: Seconds  # [s]
@@ -63,7 +63,7 @@ class LimitForce(Message):
 
 
 class NamePhase(Message):
-    """The phase in which `t` lies is called this; its apps are a group of that name."""
+    """Name the phase that contains `t`; its apps are a group of that name."""
 
     do: Literal["name_phase"] = "name_phase"
     t: Seconds  # [s]
@@ -71,19 +71,19 @@ class NamePhase(Message):
 
 
 class Undo(Message):
-    """Take the last correction back."""
+    """Undo the last correction."""
 
     do: Literal["undo"] = "undo"
 
 
 class Redo(Message):
-    """Make the correction that was taken back last once more."""
+    """Redo the correction that was undone last."""
 
     do: Literal["redo"] = "redo"
 
 
 class TakeBack(Message):
-    """Take one correction back; those that came after it stay."""
+    """Undo one correction; later ones stay."""
 
     do: Literal["take_back"] = "take_back"
     number: Count  # of the correction, as the program lists it
@@ -97,7 +97,7 @@ Action = Annotated[
 
 
 class Edit(Message):
-    """Command: correct what a session shows, open or closed. Refused where the revision is another."""
+    """Command: correct the results of an open or closed session. Refused if the revision differs."""
 
     type: Literal["edit"] = "edit"
     session: Name
@@ -108,16 +108,16 @@ class Edit(Message):
 
 
 class Since(Message):
-    """Request for the changes by all corrections after one, from the state then to the present one."""
+    """Request for the changes by all corrections after one, from the state then to the current one."""
 
     do: Literal["since"] = "since"
     number: Count  # of the last one that counts before, as the program lists it; 0: none does
 
 
 class Preview(Message):
-    """Command: state what an edit would change. It is refused as the edit would be; nothing is changed.
+    """Command: return what an edit would change. It is refused if the edit would be; nothing is changed.
 
-    The answer is an Ack with the effect, and the revision as it is.
+    The reply is an Ack with the effect and the current revision.
     """
 
     type: Literal["preview"] = "preview"
@@ -127,7 +127,7 @@ class Preview(Message):
 
 
 class SegmentOutline(Message):
-    """A segment, as far as an effect states it."""
+    """The fields of a segment in an effect."""
 
     t0: Seconds  # [s]
     tn: Seconds  # [s]
@@ -139,7 +139,7 @@ class SegmentOutline(Message):
 
 
 class AppOutline(Message):
-    """An app, as far as an effect states it."""
+    """The fields of an app in an effect."""
 
     kind: AppKind
     t0: Seconds  # [s]
@@ -151,7 +151,7 @@ class AppOutline(Message):
 
 
 class PhaseOutline(Message):
-    """A phase, as far as an effect states it."""
+    """The fields of a phase in an effect."""
 
     t0: Seconds  # [s]
     tn: Seconds  # [s]
@@ -160,10 +160,10 @@ class PhaseOutline(Message):
 
 
 class EditEffect(Message):
-    """Changes by an edit: the segments, apps and phases that go, and those that take their place.
+    """Changes by an edit: the removed segments, apps and phases, and those that replace them.
 
-    Each list runs from the first one that differs to the last one, both taken at the same moment. Two differ
-    if their outlines do.
+    Each list runs from the first one that differs to the last one, both at the same time. Two differ if their
+    outlines do.
     """
 
     first_segment: Count  # index of the first one, before and after
@@ -179,7 +179,7 @@ class EditEffect(Message):
 
 
 class Correction(Message):
-    """A correction of a session, and whether it counts."""
+    """A correction of a session, and whether it is in effect."""
 
     number: Count  # of this one, from 1; undo and redo count
     author: Author

@@ -1,4 +1,4 @@
-"""Types of the fields: what each of them accepts, and the columns of a sample matrix."""
+"""Types of message fields with their valid values, and the columns of a sample matrix."""
 
 from __future__ import annotations
 

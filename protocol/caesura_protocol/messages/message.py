@@ -10,13 +10,13 @@ _NOT_ASKED: set[str] = set()
 
 
 class Message(BaseModel):
-    """A payload: frozen, compared by value, tolerant of fields that a newer peer adds."""
+    """Base of payloads: frozen, compared by value, tolerant of fields that a newer peer adds."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
     @classmethod
     def type_name(cls) -> str:
-        """Return the name that the type has on the wire and in a journal."""
+        """Return the name of the type in messages and in a journal."""
         return cls.__name__
 
     def model_post_init(self, context: Any, /) -> None:

@@ -17,7 +17,7 @@ from caesura_protocol.messages.status import WrenchReport
 
 
 class Program(Message):
-    """The task program as far as it has been taught."""
+    """The task program of a session, as far as it has been taught."""
 
     station: Name
     session: Name

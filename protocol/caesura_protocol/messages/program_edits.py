@@ -31,9 +31,9 @@ from caesura_protocol.messages.message import Message
 
 
 class AppReference(Message):
-    """An app as an editor has seen it.
+    """A reference to an app, from its kind and time when it was edited.
 
-    It is the app of this kind that begins there, or else the one whose time is most nearly the same.
+    It refers to the app of this kind with this start, or else to the one whose time overlaps most.
     """
 
     kind: AppKind
@@ -43,7 +43,7 @@ class AppReference(Message):
 
 
 class ChangeApp(Message):
-    """An app has other values. A field that is None stays as it is."""
+    """Change values of an app. A field that is None is unchanged."""
 
     do: Literal["change"] = "change"
     app: AppReference
@@ -59,7 +59,7 @@ class ChangeApp(Message):
 
 
 class MoveApp(Message):
-    """An app is run at another place of the program."""
+    """Move an app to another place in the program."""
 
     do: Literal["move"] = "move"
     app: AppReference
@@ -67,21 +67,21 @@ class MoveApp(Message):
 
 
 class DeleteApp(Message):
-    """An app is left out."""
+    """Delete an app from the program."""
 
     do: Literal["delete"] = "delete"
     app: AppReference
 
 
 class DuplicateApp(Message):
-    """A copy of an app follows it."""
+    """Insert a copy of an app after it."""
 
     do: Literal["duplicate"] = "duplicate"
     app: AppReference
 
 
 class InsertApp(Message):
-    """A new app, which was not taught. What is None is that of the app before it."""
+    """Insert a new app, which was not taught. A field that is None has the value of the app before it."""
 
     do: Literal["insert"] = "insert"
     after: AppReference | None  # None: first
@@ -94,9 +94,9 @@ class InsertApp(Message):
 
 
 class ReplacePart(Message):
-    """The apps from `first` to `last` are replaced by those of another session of the station.
+    """Replace the apps from `first` to `last` by those of another session of the station.
 
-    The service takes the apps as they are at the edit. What becomes of that session changes nothing.
+    The service copies the apps at the time of the edit. Later changes of that session have no effect.
     """
 
     do: Literal["replace_part"] = "replace_part"
@@ -106,7 +106,7 @@ class ReplacePart(Message):
 
 
 class NameProgram(Message):
-    """The program is called this."""
+    """Name the program."""
 
     do: Literal["name"] = "name"
     name: TaskName
@@ -123,9 +123,9 @@ ProgramAction = Annotated[
 
 
 class EditProgram(Message):
-    """Command: edit the program of a session, open or closed. What was inferred stays beneath the edits.
+    """Command: edit the program of a session, open or closed. Edits do not change the inferred program.
 
-    Refused where the program has another `edit_revision`: another operator was first.
+    Refused if the program has another `edit_revision`: another operator's edit came first.
     """
 
     type: Literal["edit_program"] = "edit_program"
@@ -136,7 +136,7 @@ class EditProgram(Message):
 
 
 class ProgramEdit(Message):
-    """An edit of a program, and what became of it."""
+    """An edit of a program, and its outcome."""
 
     number: Count  # of this one, from 1; undo and redo count
     author: Author

@@ -49,7 +49,7 @@ class ScrewMotion(Message):
 
 
 class Segment(Message):
-    """A stretch of the demonstration under one model. Consecutive ones share their boundary."""
+    """A part of the demonstration under one model. Consecutive ones share their boundary."""
 
     t0: Seconds  # [s]
     tn: Seconds  # [s]
@@ -74,14 +74,14 @@ class Segment(Message):
 
     @property
     def force(self) -> Vector:
-        """Force [N] that held the segment; without a contact, the force at its end."""
+        """Force [N] that lasted during the segment; without a contact, the force at its end."""
         return self.force_held or self.force_end
 
 
 class Phase(Message):
-    """A run of segments that make one skill: reach, wipe, carry. Phases follow each other without a hole.
+    """Consecutive segments that form one skill: reach, wipe, carry. Phases follow each other without a gap.
 
-    A phase of contact may hold short free segments, in which the tool lifts off between two strokes.
+    A phase of contact may contain short free segments, in which the tool lifts off between two strokes.
     """
 
     t0: Seconds  # [s] where its first segment begins
@@ -96,9 +96,9 @@ class Phase(Message):
 
 
 class Gap(Message):
-    """Samples that never came: nothing is known between the two times.
+    """Lost samples: there are no observations between the two times.
 
-    Where what came before the first sample or after the last one is lost, both are that sample's time.
+    If the samples before the first or after the last one are lost, both times are that sample's.
     """
 
     t0: Seconds
@@ -107,7 +107,9 @@ class Gap(Message):
 
 
 class Result(Message):
-    """Fields of every result, by which a reader separates old from new and lost from late."""
+    """Common fields of every result, by which a reader distinguishes old from new and lost from delayed
+    ones.
+    """
 
     station: Name
     session: Name
@@ -118,17 +120,17 @@ class Result(Message):
 
 
 class Changepoints(Result):
-    """All changepoints from the `first` on; those before it stay as they were."""
+    """All changepoints from number `first` on; earlier ones are unchanged."""
 
     first: Count
     changepoints: Listed[Changepoint]
 
 
 class Segments(Result):
-    """All segments from the `first` on; those before it stay as they were.
+    """All segments from number `first` on, and all phases from `first_phase` on; earlier ones are unchanged.
 
-    The last one of an open session still grows: its end is published once a second.
-    Likewise all phases from the `first_phase` on. An older service sends none.
+    The last segment of an open session still grows: its end is published once a second. An older service
+    sends no phases.
     """
 
     first: Count
@@ -145,9 +147,9 @@ class Posterior(Result):
 
 
 class Hint(Message):
-    """Advice to a teacher on what to do better, raised while the demonstration goes on.
+    """Advice to a teacher, raised during the demonstration.
 
-    `kind` and `since` identify the hint. The rest may change while it is active.
+    `kind` and `since` identify the hint. The other fields may change while it is active.
     """
 
     kind: HintKind
@@ -162,7 +164,7 @@ class Hint(Message):
 class Hints(Result):
     """All active hints and the newest of those that are cleared, by the time at which they were raised.
 
-    Each message is complete: only the newest counts. No hint is active once the session is closed.
+    Each message is complete, so only the newest counts. No hint is active once the session is closed.
     """
 
     hints: Annotated[tuple[Hint, ...], Field(max_length=MAX_HINTS, fail_fast=True)]

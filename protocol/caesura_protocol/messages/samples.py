@@ -1,7 +1,7 @@
-"""Samples on their way to the service, and as it has recorded them; a message that goes in pieces.
+"""Samples sent to the service, recorded samples, and fragments of a message.
 
-Samples travel as one binary matrix behind a small header: validating the header costs microseconds,
-validating a thousand floats one by one would cost milliseconds.
+Samples are sent as one binary matrix with a small header: validating the header takes microseconds,
+validating a thousand floats separately would take milliseconds.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from caesura_protocol.messages.results import Gap
 
 
 class SampleBatch(Message):
-    """Some consecutive samples of one robot.
+    """Consecutive samples of one robot.
 
-    samples: little-endian float32 or float64 (the size determines which), matrix (n, columns), row major;
-    its first column is the time offset from `t0` [s].
+    samples: little-endian float32 or float64 (the size determines which), matrix (n, columns), row major; its
+    first column is the time offset from `t0` [s].
     """
 
     session: Name
@@ -40,7 +40,7 @@ class SampleBatch(Message):
 
 
 class Heartbeat(Message):
-    """Sent while nothing else is: its sequence number exposes a lost tail."""
+    """Sent while no batch is sent: its sequence number shows whether the last batches were lost."""
 
     session: Name
     epoch: Count
@@ -49,15 +49,15 @@ class Heartbeat(Message):
 
 
 class RecordedSamples(Message):
-    """Samples of a session in a range of time, as the journal has them: nothing is computed between two.
+    """Recorded samples of a session in a time range, without interpolation.
 
-    Of each bin and column the first sample with the least value, and the first with the greatest, in the
-    order of time; one point where both are the same sample. A bin without samples has no point. Bins begin
-    at multiples of `bin_s`; those at the ends of the range are whole.
+    Each bin and column has the first sample with the least value and the first with the greatest, in the
+    order of time; one point if both are the same sample. A bin without samples has no point. Bins begin at
+    multiples of `bin_s`; those at the ends of the range are complete.
 
     Positions are in metres; forces and torques as they were sent (see `force_frame`). Only `speed` is
-    computed: the distance between the mean position of the last 40 ms and that of the 40 ms before, by the
-    time between them. Without positions it is that of all joints together [rad/s].
+    computed: the distance between the mean position of the last 40 ms and that of the 40 ms before, divided
+    by the time between them. Without positions it is that of all joints together [rad/s].
     """
 
     station: Name
@@ -79,7 +79,7 @@ class RecordedSamples(Message):
 
 
 class Piece(Message):
-    """Some of the bytes of a message that is too long for one. All of them, in order, are its payload."""
+    """A fragment of a message that is too long for one. All fragments, in order, are its payload."""
 
     encoding: Annotated[str, Field(max_length=100)]  # of the whole
     whole: Count  # the same in all pieces of one message

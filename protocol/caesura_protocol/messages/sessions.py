@@ -30,7 +30,7 @@ from caesura_protocol.messages.message import Message
 
 
 class Description(Message):
-    """Statements of people about a session. They change no result."""
+    """Operators' statements about a session. They change no result."""
 
     task: TaskName | None = None  # the name under which it is found again
     operator: Author | None = None  # who teaches
@@ -41,7 +41,7 @@ class Description(Message):
 
 
 class Open(Message):
-    """Command: begin a session, or say again what it is (opening twice alike is no error)."""
+    """Command: open a session. Repeating the same opening is no error."""
 
     type: Literal["open"] = "open"
     session: Name
@@ -64,7 +64,7 @@ class Open(Message):
 
 
 class Close(Message):
-    """Command: the demonstration is over; everything up to batch `last_seq` belongs to it."""
+    """Command: close the session; all batches up to `last_seq` belong to it."""
 
     type: Literal["close"] = "close"
     session: Name
@@ -76,8 +76,8 @@ class Close(Message):
 class Describe(Message):
     """Command: replace the description of a session, open or closed.
 
-    Refused where the description is neither `before` nor `description`: another operator was first. Undo is
-    the same command with the two exchanged.
+    Refused if the description is neither `before` nor `description`: another operator's change came first. To
+    undo it, send the command with the two exchanged.
     """
 
     type: Literal["describe"] = "describe"

@@ -1,4 +1,4 @@
-"""Everything that a late reader needs."""
+"""The snapshot of a session, for readers that join late or have lost messages."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from caesura_protocol.messages.status import SessionStatus
 
 
 class Snapshot(Message):
-    """Everything so far, with the last number of each stream: where a late or lossy reader starts."""
+    """The complete state of a session, with the last number of each stream."""
 
     status: SessionStatus
     changepoints: Changepoints

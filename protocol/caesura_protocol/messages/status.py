@@ -43,14 +43,14 @@ class WrenchReport(Message):
 
 
 class Refusal(Message):
-    """The last message that was refused, with the error that its sender gets."""
+    """The last refused message, with the error that its sender received."""
 
     code: ErrorCode
     message: str
 
 
 class Budget(Message):
-    """Budget of a station for one thing, and its use so far; in the unit of the thing."""
+    """Budget of a station for one resource, and its use so far, in the unit of the resource."""
 
     per_s: Amount  # so much comes back every second
     at_once: Amount  # so much may be used at once, after a pause
@@ -61,7 +61,7 @@ class Budget(Message):
 class StationBudgets(Message):
     """Budgets of one station at an instance of the service. The service holds back messages beyond them.
 
-    Samples that are dropped are asked for again; commands are refused as `overloaded`.
+    Dropped samples are requested again; commands are refused as `overloaded`.
     """
 
     station: Name

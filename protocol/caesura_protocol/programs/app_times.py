@@ -1,4 +1,4 @@
-"""The times of apps: shifted, scaled, and laid out anew where people changed order or speed.
+"""The times of apps: shifted, scaled, and recomputed after an operator changed order or speed.
 
 An app that begins earlier than taught keeps every duration to the last bit. Its times are shifted by a
 multiple of `SHIFT_S`, and a float that gets smaller by that is exact.
@@ -36,17 +36,17 @@ def may_retime(app: App) -> bool:
 
 
 def speed_in_words(app: App) -> str:
-    """The speed that people set for an app, in per cent of the taught one; empty where it is as taught."""
+    """Return the speed that an operator set for an app as text, in per cent of the taught one; else empty."""
     return "" if app.speed is None else f"{100 * app.speed:.3g} % of the taught one"
 
 
 def part_of(app: App) -> int | None:
-    """Return the edit that put an app of another session in the place of a part; None for what was taught."""
+    """Return the edit that inserted an app of another session; None for an app that was not inserted so."""
     return next((mark.edit for mark in app.changes if mark.field == "taught_again"), None)
 
 
 def is_taught_again(app: App) -> bool:
-    """Whether an app comes from another session, in the place of a part."""
+    """Return whether an app comes from another session and replaces a part."""
     return part_of(app) is not None
 
 
@@ -70,7 +70,7 @@ def moved(path: AppPath, when: Callable[[float], float], faster: float = 1.0) ->
 
 
 def goes_on(app: App, following: App | None) -> bool:
-    """Whether the next app moves on in the air where and when an app has arrived, without a rest between."""
+    """Return whether the next app continues in the air where and when an app has arrived, without a rest."""
     if following is None or app.path is None or following.path is None or app.target is None:
         return False
     in_air = APP_KINDS[app.kind].has_target and APP_KINDS[following.kind].has_target
@@ -141,9 +141,9 @@ class EditedTimes(NamedTuple):
 def edited_times(
     apps: Sequence[App], gaps: Sequence[Gap], edits: Sequence[ProgramEdit]
 ) -> EditedTimes | None:
-    """The apps one after the other at their own speeds; None where no edit changes order or speed.
+    """Return the apps one after the other at their speeds; None if no edit changes order or speed.
 
-    A pause stays where its two apps followed each other when they were taught; elsewhere there is none.
+    A pause is kept where its two apps followed each other when they were taught; elsewhere there is none.
     """
     deleted = [place for edit in edits if edit.state == "applied" for place in _left_out(edit)]
     if not deleted and not any(map(_is_elsewhere, apps)):
@@ -165,12 +165,12 @@ def edited_times(
 
 
 def _is_elsewhere(app: App) -> bool:
-    """Whether an edit changed its place or its speed."""
+    """Return whether an edit changed an app's place or its speed."""
     return app.speed is not None or any(mark.field in PLACED for mark in app.changes)
 
 
 def _left_out(edit: ProgramEdit) -> list[Taught]:
-    """The apps that an edit names and takes away."""
+    """Return the apps that an edit names and removes."""
     match edit.action:
         case DeleteApp(app=app):
             return [(app.added, app.t0)]
@@ -181,7 +181,7 @@ def _left_out(edit: ProgramEdit) -> list[Taught]:
 
 
 def _followed(before: App, app: App, taught: Mapping[int | None, Sequence[float]]) -> bool:
-    """Whether an app followed another one when they were taught: no third one began in between."""
+    """Return whether an app directly followed another one when they were taught."""
     if before.added != app.added or app.t0 < before.tn:
         return False
     starts = taught[app.added]
@@ -190,7 +190,7 @@ def _followed(before: App, app: App, taught: Mapping[int | None, Sequence[float]
 
 
 def _gaps_within(app: App, made: App, gaps: Sequence[Gap]) -> list[Gap]:
-    """The gaps of an app at its new times."""
+    """Return the gaps of an app at its new times."""
     if app.tn <= app.t0:
         return []
     pace = (made.tn - made.t0) / (app.tn - app.t0)

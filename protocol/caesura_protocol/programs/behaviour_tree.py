@@ -1,7 +1,7 @@
-"""A program as a behaviour tree for BehaviorTree.CPP 4: one sequence, one action an app, typed ports.
+"""Writes a program as a behaviour tree for BehaviorTree.CPP 4: one sequence, one action per app, typed ports.
 
-Lists of numbers are written with semicolons, as it reads a `std::vector<double>`. What an action
-does is the business of the node registered under its name (https://www.behaviortree.dev, "The XML format").
+Lists of numbers have semicolons, as in its text form of a `std::vector<double>`. The node registered under an
+action's name implements it (https://www.behaviortree.dev, "The XML format").
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ NO_XML = re.compile("[\x00-\x1f\ufffe\uffff]")  # no XML has these, not even as 
 
 
 class Port(NamedTuple):
-    """An input of an action: name, C++ type, and what it is."""
+    """An input of an action: its name, its C++ type, and its meaning."""
 
     name: str
     type: str
@@ -87,7 +87,7 @@ PORTS: Mapping[str, Port] = MappingProxyType(
 
 
 def behaviour_tree(program: ProgramFile) -> str:
-    """The XML text, with a model of every action that it uses."""
+    """Return the XML text, with a model of every action that it uses."""
     root = Xml.Element("root", {"BTCPP_format": "4", "main_tree_to_execute": TREE})
     tree = Xml.SubElement(root, "BehaviorTree", {"ID": TREE})
     name = f"{program.station}/{program.session}, revision {program.revision}"

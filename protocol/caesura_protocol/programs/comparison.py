@@ -1,4 +1,4 @@
-"""Two programs compared app by app, in words: what the first has that the second has not, and the reverse.
+"""Compares two programs app by app; returns the differences in both directions as text.
 
 `differences` compares a program with an earlier version of itself, `compared` any two, pair by pair.
 """
@@ -41,7 +41,7 @@ REPETITION = LeastDifferences(0.005, math.radians(5.0), 1.0, 0.3, 0.05, 0.05, 0.
 
 
 class FieldDifference(NamedTuple):
-    """A value that differs, in words; apart: how far, where that says more than the two values."""
+    """A differing value as text; apart: the size of the difference, if it is clearer than the two values."""
 
     what: str
     one: str
@@ -49,12 +49,14 @@ class FieldDifference(NamedTuple):
     apart: str = ""
 
     def words(self, between: str) -> str:
-        """Return the difference in one phrase. between: text between the two values."""
+        """Return the difference as text. between: text between the two values."""
         return self.apart or f"{self.what} {self.one}{between}{self.other}"
 
 
 class AppPair(NamedTuple):
-    """An app of each program, by their indices, None where only one has it; and how they differ, in words."""
+    """Corresponding apps of two programs, by index, None if only one has it; with their differences as
+    text.
+    """
 
     one: int | None
     other: int | None
@@ -64,7 +66,7 @@ class AppPair(NamedTuple):
 def differences(one: ProgramFile, other: ProgramFile) -> list[str]:
     """Return the differences of a program from an earlier one, app by app; none for equal ones.
 
-    A number is that of the program itself, and one that follows `was` that of the earlier one.
+    A value belongs to the program itself, and one after `was` to the earlier one.
     """
     found = [f"program: {words}" for words in _of_programs(one, other)]
     for first, second, words in compared(one.apps, other.apps):
@@ -81,7 +83,7 @@ def differences(one: ProgramFile, other: ProgramFile) -> list[str]:
 def compared(
     apps: Sequence[App], others: Sequence[App], least: LeastDifferences = ROUNDING, between: str = ", was "
 ) -> list[AppPair]:
-    """Return every app of both programs beside its counterpart; between: two values of a difference."""
+    """Return all apps of both programs, each with its counterpart; between: text between two values."""
     return [
         AppPair(i, j, () if i is None or j is None else tuple(_words(apps[i], others[j], least, between)))
         for i, j in _pairs(apps, others)
@@ -93,10 +95,10 @@ def _words(one: App, other: App, least: LeastDifferences, between: str) -> list[
 
 
 def _pairs(apps: Sequence[App], others: Sequence[App]) -> list[tuple[int | None, int | None]]:
-    """Return the apps that belong together, in order, at the least cost; None beside an app without another.
+    """Return the corresponding apps, in order, at the least cost; None for an app without a counterpart.
 
-    As an edit distance: a pair of one kind costs what its targets are apart, an app alone `ALONE`. A row of
-    costs is computed at once: going right costs ALONE a step, so the least is a running minimum.
+    This is an edit distance: a pair of one kind costs the distance of its targets, a single app `ALONE`. A
+    row of costs is computed at once: a step to the right costs ALONE, so the least is a running minimum.
     """
     steps = ALONE * np.arange(len(others) + 1)
     is_pair = np.zeros((len(apps) + 1, len(others) + 1), dtype=bool)
@@ -124,7 +126,7 @@ def _pairs(apps: Sequence[App], others: Sequence[App]) -> list[tuple[int | None,
 
 
 class _Places:
-    """Kinds and targets of apps, to be compared with one app at once."""
+    """Kinds and targets of several apps, for comparison with one app."""
 
     def __init__(self, apps: Sequence[App]) -> None:
         nowhere = (math.nan,) * 3
@@ -133,7 +135,9 @@ class _Places:
         self._has_target = np.array([app.target is not None for app in apps], dtype=bool)
 
     def apart(self, app: App) -> NDArray[np.float64]:
-        """Return (n,) costs of taking each for the app: 0 for the same target, infinite for another kind."""
+        """Return (n,) the cost of pairing each with the app: 0 for the same target, infinite for another
+        kind.
+        """
         if app.target is None:
             cost = self._has_target.astype(np.float64)
         else:
@@ -203,7 +207,7 @@ def _of_poses(one: App, other: App, least: LeastDifferences) -> Iterator[FieldDi
 
 
 def _place(target: Vector | None) -> str:
-    """A target in words.
+    """Return a target as text.
 
     >>> _place((0.3, -0.00001, 0.25))
     '(300.0, 0.0, 250.0) mm'
@@ -230,7 +234,7 @@ _NUMBERS: Sequence[_Number] = (
 
 
 def _number(value: float | None, unit: str, scale: float) -> str:
-    """A value in words, a length to a tenth of a millimetre as targets have it.
+    """Return a value as text, a length to a tenth of a millimetre like targets.
 
     >>> _number(0.002999, "mm", 1000.0), _number(1.2891, "s", 1.0)
     ('3 mm', '1.289 s')

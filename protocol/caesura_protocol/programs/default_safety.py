@@ -1,4 +1,4 @@
-"""The limits of a program whose cell states none: those that follow from its robot."""
+"""The limits of a program whose cell states none: defaults that depend on its robot."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ DEFAULT_ROBOT = "panda"  # whose limits are the default
 
 
 def safety_for(robot: str | None) -> Safety:
-    """Return the limits of a cell that states none: the robot's payload, and a box that fits its reach.
+    """Return the default limits of a cell: the robot's payload, and a box that fits its reach.
 
-    The box is a Panda's, and larger in proportion for a longer arm; its floor stays. robot: its name; None,
-    or one that is not known here: the default.
+    The box is a Panda's, scaled by the reach of a longer arm; its floor is constant. robot: its name; None or
+    an unknown name: the default.
     """
     try:
         arm = None if robot is None else robot_description(robot)
@@ -30,7 +30,7 @@ def safety_for(robot: str | None) -> Safety:
 
 
 def cell_safety(path: Path, robot: str | None) -> Safety:
-    """Return the limits that the file of a cell states, with those of the robot where it states none.
+    """Return the limits in a cell's file, completed by the defaults of the robot.
 
     Raises CaesuraError as `read_safety`.
     """
@@ -40,7 +40,9 @@ def cell_safety(path: Path, robot: str | None) -> Safety:
 
 
 def re_targeted(safety: Safety, before: str | None, robot: str | None) -> Safety:
-    """Return the limits of a program on another robot: those that followed from the one before change."""
+    """Return the limits of a program on another robot: limits that were the earlier robot's defaults
+    change.
+    """
     was, now = safety_for(before), safety_for(robot)
     own = [name for name in OF_ROBOT if getattr(safety, name) == getattr(was, name)]
     return safety.model_copy(update={name: getattr(now, name) for name in own})

@@ -1,7 +1,7 @@
-"""A task program as a file: what a robot needs to run it, and what an engineer needs to judge it.
+"""A task program as a file: the data for a robot to run it, and for an engineer to review it.
 
-`version` is the format's; the program's own number is `revision`. Units stand in the file. Reading takes also
-what `caesura program --json` and `caesura segment --json` write.
+`version` is that of the format; `revision` is that of the program. The file states its units. The output of
+`caesura program --json` and `caesura segment --json` can be read as well.
 """
 
 from __future__ import annotations
@@ -58,18 +58,18 @@ UNITS_EDITED: Mapping[str, str] = MappingProxyType(
 
 
 class BadProgramError(CaesuraError, ValueError):
-    """The file is no task program; the message names the file, the place in it and what was expected."""
+    """The file is not a task program; the message states the file, the place and the expected content."""
 
 
 class ProgramStep(App):
-    """An app, and what must hold before it is run."""
+    """An app, with the conditions that must hold before it is run."""
 
     preconditions: tuple[Precondition, ...] = ()
     follows: bool = True  # the app before it, as when they were taught; False where an edit put it there
 
 
 class ProgramFile(BaseModel):
-    """The document. Readers ignore fields that they do not know; version 1 has neither paths nor gaps."""
+    """The document. Readers ignore unknown fields; version 1 has neither paths nor gaps."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
@@ -97,12 +97,12 @@ class ProgramFile(BaseModel):
     gripper: Name | None = None  # that runs it, of the table of grippers; None: the robot's
 
     def as_json(self) -> str:
-        """The file's text. Raises ValueError where a number is not finite: JSON has no word for it."""
+        """Return the file's text. Raises ValueError for a number that is not finite, which JSON lacks."""
         return json.dumps(self.model_dump(mode="python"), indent=2, allow_nan=False) + "\n"
 
 
 def document(program: Program, safety: Safety | None = None, phases: Sequence[Phase] = ()) -> ProgramFile:
-    """A program from the wire as a document; the cell's force limit is that of the program, if it has one.
+    """Return a program message as a document; the cell's force limit is that of the program, if it has one.
 
     safety: limits of the cell, by default those of the program's robot; phases: those of its session, by
     which its apps are grouped.
@@ -138,7 +138,7 @@ def document(program: Program, safety: Safety | None = None, phases: Sequence[Ph
 
 
 def document_of_apps(apps: tuple[App, ...], name: str, safety: Safety = DEFAULT) -> ProgramFile:
-    """The program of a recording that no station taught; the name is made one that a session may have."""
+    """Return the program of a recording without a station; the name is converted to a valid session name."""
     name = re.sub(r"[^a-z0-9_-]+", "-", name.lower()).strip("-_")[:64] or "recording"
     t = max((app.tn for app in apps), default=0.0)
     steps = tuple(_step(app) for app in apps)
@@ -146,17 +146,17 @@ def document_of_apps(apps: tuple[App, ...], name: str, safety: Safety = DEFAULT)
 
 
 def in_cell(program: ProgramFile, safety: Safety) -> ProgramFile:
-    """The program in another cell: no app exerts more than its limit."""
+    """Return the program in another cell: no app exerts more than the cell's limit."""
     most = safety.force_n
     steps = program.apps if most is None else tuple(with_force_limit(app, most) for app in program.apps)
     return program.model_copy(update={"safety": safety, "apps": steps})
 
 
 def on_robot(program: ProgramFile, robot: str | None, *, retarget: bool = False) -> ProgramFile:
-    """The program on a robot, by its name or file; None: on the one that it states.
+    """Return the program on a robot, by its name or file; None: on the one that it states.
 
-    Raises CaesuraError for another robot than the program was taught on, or than its joints are of, unless it
-    is re-targeted: its joints are then left out, and its poses stay.
+    Raises CaesuraError for another robot than the one of teaching, or of its joints, unless `retarget` is
+    set: joints are then left out, and poses are kept.
     """
     if robot is None:
         return program
@@ -229,7 +229,7 @@ def _parsed(content: dict[str, Any], name: str) -> ProgramFile:
 
 
 def _with_warnings(notes: Any, warnings: Any) -> Any:
-    """Return the notes with warnings of the reader of the recording; notes that are no list stay."""
+    """Return the notes with warnings of the recording's reader; notes that are no list are unchanged."""
     if not isinstance(notes, list) or not isinstance(warnings, list):
         return notes
     said = [one.removeprefix("Warning: ") for one in warnings if isinstance(one, str)]

@@ -1,4 +1,4 @@
-"""Limits that exporters check before they write, and contact functions that they share."""
+"""Limits that exporters check before they write, and functions on contacts that exporters share."""
 
 from __future__ import annotations
 
@@ -58,15 +58,15 @@ def acting_limits(safety: Safety) -> Iterator[str]:
 
 
 def within_robot(acceleration: float, robot: RobotDescription | None) -> float:
-    """Return an acceleration of the flange [m/s²], limited to half of what the robot can do."""
+    """Return an acceleration of the flange [m/s²], limited to half of the robot's maximum."""
     return acceleration if robot is None else min(acceleration, 0.5 * robot.flange_acceleration_limit)
 
 
 def refuse_beyond_limits(program: ProgramFile) -> None:
-    """Raises ValueError for an app beyond the limits of place, force or load, or without what it needs.
+    """Raise ValueError for an app beyond the limits of position, force or load, or without a precondition.
 
-    A press needs a contact before it: without one it would begin wherever the arm is. A carry needs a grasp:
-    without one the robot would count on a load that it does not have.
+    A press needs a contact before it: otherwise it would begin at any position of the arm. A carry needs a
+    grasp: otherwise the robot would compensate a load that it does not have.
     """
     safety = program.safety
     for index, app in enumerate(program.apps):
@@ -111,13 +111,13 @@ def _refuse_incomplete(name: str, app: App) -> None:
 
 
 def without_friction(app: App) -> App:
-    """The app with its force along the normal of the surface, where it slides.
+    """Return the app with its force along the surface normal, if it slides.
 
-    A hand that slides exerts what friction takes, too, in the direction of its way. Controllers follow a
-    force along one axis, and the way by themselves. Friction is left out where the rest leans less from the
-    tool's axis, the way is straight, and friction of a coefficient up to MOST_FRICTION explains it. More is a
-    push. That of what is pushed in is kept, and that of a force along the tool. Where the path tilts the
-    tool, see `force_in_tool`.
+    A sliding hand also exerts the force of friction, along its path. Controllers control a force along one
+    axis, and the path separately. The friction component is removed if the remaining force leans less from
+    the tool's axis, the path is straight, and a coefficient up to MOST_FRICTION explains it. A larger
+    component is a push. The force on an object that is pushed in, and a force along the tool, are unchanged.
+    If the path tilts the tool, see `force_in_tool`.
     """
     orientation = orientation_halfway(app)
     if app.force is None or app.path is None or app.target is None or orientation is None or _is_tilted(app):
@@ -136,14 +136,14 @@ def without_friction(app: App) -> App:
 
 
 def friction_of(app: App) -> float:
-    """The force [N] along its way that scripts leave out of a stroke; 0 where they leave out none."""
+    """Return the friction force [N] along its path that scripts remove from a stroke; 0 if none."""
     return math.dist(app.force or (), without_friction(app).force or ())
 
 
 def touching_force(following: App | None) -> Vector | None:
-    """The force [N] with which an app presses from the touch on; None where it presses nothing.
+    """Return the force [N] with which an app presses from the touch on; None if it does not press.
 
-    None, too, where its path tilts the tool: its force is not that of the touch any more.
+    It is also None if its path tilts the tool, because its force then differs from that of the touch.
     """
     if following is None or following.force is None or not any(following.force):
         return None
@@ -151,11 +151,12 @@ def touching_force(following: App | None) -> Vector | None:
 
 
 def force_in_tool(app: App) -> Vector | None:
-    """The force [N] of a press in the axes of the tool, where its path tilts the tool: it turns with it.
+    """Return the force [N] of a press in the tool's axes if its path tilts the tool, so that the force turns
+    with it.
 
-    None where it keeps its direction. The force of an app is stated as the tool stands when half of the
-    press is over, which is not quite halfway along its path. So one that leans from the tool's axis by less
-    than 45° is along that axis, as the simulated robot has it.
+    None if the force keeps its direction. An app's force is given at the orientation in the middle of the
+    press, which is not exactly the middle of its path. So a force within 45° of the tool's axis is along that
+    axis, as on the simulated robot.
     """
     halfway = orientation_halfway(app)
     if app.force is None or halfway is None or not _is_tilted(app):
@@ -187,7 +188,7 @@ def _is_tilted(app: App) -> bool:
 def press_direction(app: App, following: App | None) -> Vector:
     """Return the unit vector along which a contact is searched, base frame.
 
-    It is that of the force that follows, or else the z-axis of the tool.
+    It is the direction of the following force, or else the z-axis of the tool.
     """
     force = touching_force(following)
     if force is not None:

@@ -1,4 +1,4 @@
-"""Formats that a program can be written in, by name."""
+"""The formats in which a program can be written, by name."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from caesura_protocol.robots import robot_description
 class ProgramWriter(NamedTuple):
     """A format: its title, the suffix of its files, and the function that writes it.
 
-    is_script: it is for the robots whose description names it.
+    is_script: whether it is only for robots whose description names it.
     """
 
     title: str
@@ -38,6 +38,6 @@ WRITERS: Mapping[str, ProgramWriter] = MappingProxyType(
 
 
 def formats_of(robot: str | None) -> list[str]:
-    """Return the formats that a program of a robot can be written in; None: every one."""
+    """Return the formats in which a robot's program can be written; None: all formats."""
     script = None if robot is None else robot_description(robot).script
     return [name for name, one in WRITERS.items() if not one.is_script or robot is None or name == script]

@@ -1,7 +1,7 @@
 """A program as a script for franky (franky-control 2, https://github.com/TimSchneider42/franky).
 
-The script stands alone: limits as constants at its top, the apps as a table, and one method for each kind. It
-is a template (`franky_template.py.txt`) with these filled in.
+The script is self-contained: limits as constants at its top, the apps as a table, and one method for each
+kind. It is the template `franky_template.py.txt` with these values.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ MARK_FINDINGS = "# <FINDINGS>\n"
 
 
 def franky_script(program: ProgramFile) -> str:
-    """The script's text.
+    """Return the script's text.
 
     Raises ValueError for a robot of another maker, an app beyond the limits, or a number that is not finite.
     """
@@ -61,7 +61,7 @@ def _limits(safety: Safety) -> str:
 def _rows(apps: Sequence[ProgramStep]) -> list[dict[str, Any]]:
     """Return the data of each app that the script needs.
 
-    An app that is passed without a stop has `goes_on`, the velocities at its target.
+    An app without a stop at its target has `goes_on`, the velocities there.
     """
     rows = []
     around = zip(apps, [*apps[1:], None], [*apps[2:], None, None], strict=False)
@@ -74,7 +74,9 @@ def _rows(apps: Sequence[ProgramStep]) -> list[dict[str, Any]]:
 
 
 def _is_passed(app: ProgramStep, following: ProgramStep | None, after: ProgramStep | None) -> bool:
-    """Whether both apps are one motion of the robot, which reacts to no contact or torque on its way."""
+    """Return whether both apps are one motion of the robot, which does not react to contact or torque
+    meanwhile.
+    """
     if following is None or not goes_on(app, following):
         return False
     meets = ends_in_contact(following.kind, None if after is None else after.kind)
@@ -82,7 +84,7 @@ def _is_passed(app: ProgramStep, following: ProgramStep | None, after: ProgramSt
 
 
 def _row(taught: ProgramStep) -> dict[str, Any]:
-    """Return the data of an app that the script needs, without regard to its neighbours."""
+    """Return the data of an app that the script needs, independently of its neighbours."""
     app = without_friction(taught)
     row: dict[str, Any] = {
         "kind": app.kind,

@@ -1,4 +1,4 @@
-"""The gripper of a program: the one it states, or its robot's; and what the program's limits are with it."""
+"""The gripper of a program, stated or its robot's, and the program's limits with it."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ GRIP_REACH_M = 0.04  # an object is between the fingers within this distance fro
 
 
 def gripper_of(program: ProgramFile) -> GripperDescription | None:
-    """Return the gripper that a program states, or that its robot has; None where neither is known.
+    """Return the gripper that a program states, or that its robot has; None if neither is known.
 
-    Raises GripperError or RobotError for a name that is not known.
+    Raises GripperError or RobotError for an unknown name.
     """
     if program.gripper is not None:
         return gripper(program.gripper)
@@ -22,7 +22,7 @@ def gripper_of(program: ProgramFile) -> GripperDescription | None:
 
 
 def with_gripper(program: ProgramFile, name: str | None) -> ProgramFile:
-    """The program with a gripper, by its name; None: as it states. Raises GripperError."""
+    """Return the program with a gripper, by its name; None: unchanged. Raises GripperError."""
     if name is None:
         return program
     gripper(name)

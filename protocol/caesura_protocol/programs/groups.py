@@ -1,4 +1,4 @@
-"""Apps grouped by the phase that they were taught in, each group with a name that may be changed."""
+"""Groups apps by the phase in which they were taught; each group has a name that can be changed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ AppNumber = Annotated[int, Field(ge=0)]
 
 
 class Group(BaseModel):
-    """Apps `first` to `last` of a program, counted from 0, and what the skill is called."""
+    """Apps `first` to `last` of a program, counted from 0, and the name of their skill."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
@@ -28,8 +28,8 @@ class Group(BaseModel):
 def groups_of(apps: Sequence[App], phases: Sequence[Phase]) -> tuple[Group, ...]:
     """Return a group for each phase that has apps, named as the phase is, or by kind and number: `contact 1`.
 
-    An app belongs to the phase of its first segment; one without segments to the phase in whose time it lies.
-    A single phase makes no group, nor does one whose apps no longer follow each other, because of edits.
+    An app belongs to the phase of its first segment; one without segments to the phase at its time. There is
+    no group for a single phase, or for one whose apps no longer follow each other after edits.
     """
     groups: list[Group] = []
     if len(phases) < 2:
@@ -49,7 +49,7 @@ def groups_of(apps: Sequence[App], phases: Sequence[Phase]) -> tuple[Group, ...]
 def renamed(groups: Sequence[Group], names: Sequence[str]) -> tuple[Group, ...]:
     """Return the groups with names given as `OLD=NEW`, where OLD is a group's name or its number from 1.
 
-    Raises CaesuraError for any other text, for a group that is not there, and for a name of several groups.
+    Raises CaesuraError for any other text, for an unknown group, and for a name of several groups.
     """
     found = list(groups)
     for given in names:
@@ -71,7 +71,7 @@ def renamed(groups: Sequence[Group], names: Sequence[str]) -> tuple[Group, ...]:
 
 
 def _phase_of(app: App, phases: Sequence[Phase]) -> int:
-    """The number of the last phase that begins no later than the app."""
+    """Return the number of the last phase that begins no later than the app."""
     begun = (
         phase.first_segment <= app.segments[0] if app.segments else phase.t0 <= app.t0 for phase in phases
     )

@@ -1,8 +1,8 @@
-"""The path of an app as a small SVG: seen from above and from one side, at one scale, with its via points.
+"""Draws the path of an app as a small SVG: a top and a side view at one scale, with its via points.
 
 Colours are those of the page: the line is `currentColor`; classes `via`, `start`, `target`, `tool` are for
-its style sheet. Where the tool turns, short strokes show the flange's x axis at the start, each via point,
-and the target, so a turn in place is a fan.
+its style sheet. If the tool turns, short strokes show the flange's x axis at the start, each via point, and
+the target, so a turn in place is a fan.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class _View(NamedTuple):
 
 
 def path_svg(app: App) -> str:
-    """The drawing as an `svg` element, without an address or an id; empty for an app without a path."""
+    """Return the drawing as an `svg` element without ids; empty for an app without a path."""
     if app.path is None or app.target is None:
         return ""
     way = 1000.0 * curve_of(app).sampled(DRAWN)[:, :3]
@@ -58,12 +58,12 @@ def path_svg(app: App) -> str:
 
 
 def _drawn(view: _View, way: Array, poses: Array, scale: float, middle: Array, *, turns: bool) -> str:
-    """One view. way: (n, 3) [mm]; poses: (k, 3 or 7) [m] of the knots; middle: (3,) [mm]."""
+    """Return one view. way: (n, 3) [mm]; poses: (k, 3 or 7) [m] of the knots; middle: (3,) [mm]."""
     knots = 1000.0 * poses[:, :3]
     axes = [view.right, view.up]
 
     def placed(points: Array) -> Array:
-        """Places (n, 2) [px] of points (n, 3) [mm]."""
+        """Return the places (n, 2) [px] of points (n, 3) [mm]."""
         right, up = (scale * (points - middle)[:, axes]).T
         return np.column_stack([view.left + 0.5 * SIZE + right, 0.5 * SIZE - up])
 
@@ -87,13 +87,13 @@ def _drawn(view: _View, way: Array, poses: Array, scale: float, middle: Array, *
 
 
 def _tool(poses: Array, axes: list[int]) -> list[tuple[float, float]]:
-    """Strokes [px] of the flange's x axis at each knot, in a plane."""
+    """Return strokes [px] of the flange's x axis at each knot, in a plane."""
     ends = STROKE * matrices_of(poses[:, 3:])[:, :, 0]
     return [(float(right), float(-up)) for right, up in ends[:, axes]]
 
 
 def _bar(millimetres: float, scale: float) -> str:
-    """A scale bar under the drawing."""
+    """Return a scale bar under the drawing."""
     end, y = 2.0 * SIZE + GAP, SIZE + 2.0 * LINE - 1.0
     begin = end - millimetres * scale
     return (

@@ -1,4 +1,4 @@
-"""A program as what controllers of lines and blends do: first places, straight legs, contacts, pauses."""
+"""Plans a program for controllers with lines and blends: first poses, straight legs, contacts, pauses."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ GRIPS = ("grasp", "gripper_move")
 class PlannedApp(NamedTuple):
     """An app with its movements.
 
-    place: in the program, from 0; start: (position [m], orientation) to which the arm goes first from
-    wherever it is; begins: where it was taught to begin; legs: then; contact: (3,) where a contact ends it,
-    the direction in which it is looked for; wait_s: that a press rests before the legs; stay_s: that it
-    presses without legs; hold_s: that it stays where it is then, as a hold or a press does; pause_s: after
-    it. wait_n, hold_n: how hard it presses meanwhile. clear_legs: so many of the legs leave what the app
-    before it touches; no force is looked for on them, and the sensor is zeroed after them. None where no leg
-    leaves it, and it still touches. stands: where the arm must be already, for a grasp before any movement.
+    place: index in the program, from 0; start: (position [m], orientation) to which the arm moves first;
+    begins: taught start; legs: following movements; contact: (3,) direction of the search if a contact ends
+    the app; wait_s: rest of a press before the legs; stay_s: duration of a press without legs; hold_s: rest
+    after the legs, of a hold or a press; pause_s: pause after the app. wait_n, hold_n: forces during these
+    rests. clear_legs: number of legs that leave the contact of the app before; there is no contact search on
+    them, and the sensor is zeroed after them; None if no leg leaves it. stands: where the arm must be
+    already, for a grasp before any movement.
     """
 
     place: int
@@ -48,12 +48,12 @@ class PlannedApp(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The app's number and kind, as people read them."""
+        """The app's displayed number and kind."""
         return app_name(self.place, self.app.kind)
 
 
 def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedApp]:
-    """Plan apps that have what they need, each press along the normal of what it touches.
+    """Plan apps whose preconditions hold, each press along the normal of the touched surface.
 
     acceleration: [m/s²] of a leg that starts and stops.
     """
@@ -103,14 +103,14 @@ def _leaves(leg: Leg, touched: Vector) -> bool:
 
 
 def _still_touched(legs: list[Leg], touched: Vector | None) -> Vector | None:
-    """Return the place of a contact; None once a leg has left it."""
+    """Return the position of a contact; None once a leg has left it."""
     return None if touched is not None and any(_leaves(leg, touched) for leg in legs) else touched
 
 
 def _cleared(legs: list[Leg], touched: Vector | None, contact: Vector | None) -> tuple[list[Leg], int | None]:
-    """Return the legs, with a stop where the touched contact has been left, and how many legs leave it.
+    """Return the legs, with a stop where the contact has been left, and the number of legs that leave it.
 
-    0 if there is nothing to leave or to search; None without legs, while it still touches.
+    It is 0 without a contact to leave or to search; None without legs, in contact.
     """
     if contact is None or touched is None:
         return legs, 0

@@ -14,7 +14,7 @@ RunSpeed = Literal["taught", "optimal"]
 
 
 class ProgramTiming(BaseModel):
-    """Timing of a program; a program without it is as taught. Apps are counted from 0.
+    """Timing of a program; without it the times are as taught. Apps are counted from 0.
 
     speed: a factor of the taught speed, or `optimal`: as fast as the limits of the robot allow.
     """
@@ -29,5 +29,5 @@ class ProgramTiming(BaseModel):
 
     @property
     def is_sane(self) -> bool:
-        """Whether the factor lies in the range that a program may have."""
+        """Whether the factor is within its valid range."""
         return self.speed == "optimal" or LEAST_SPEED <= float(self.speed) <= MOST_SPEED

@@ -1,7 +1,7 @@
 """A program at another speed: by a factor, or with movements that another package has timed.
 
 Rules: only movements in free space and movements that carry are re-timed, along the same path. Presses,
-slides, turns, holds and the fingers stay as they were taught.
+slides, turns, holds and gripper actions keep their taught times.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ UNITS: Mapping[str, str] = MappingProxyType(
 
 
 def factor_of(text: str) -> float:
-    """The factor of the taught speed that a text states. Raises CaesuraError where it is out of its range."""
+    """Return the factor of the taught speed in a text. Raises CaesuraError if it is out of its range."""
     try:
         factor = float(text)
     except ValueError:
@@ -39,7 +39,7 @@ def factor_of(text: str) -> float:
 
 
 def at_factor(program: ProgramFile, factor: float, keeps_pause: Collection[int] = ()) -> ProgramFile:
-    """The program with its movements at a factor of the taught speed; pauses stay as they were taught.
+    """Return the program with its movements at a factor of the taught speed, and its taught pauses.
 
     Raises CaesuraError as `retimed`.
     """
@@ -54,11 +54,11 @@ def retimed(
     pause_s: Callable[[int, float], float],
     keeps_pause: Collection[int] = (),
 ) -> ProgramFile:
-    """The program with other apps in the place of some, and the times of the rest shifted.
+    """Return the program with some apps replaced, and the times of the others shifted.
 
     steps: by number of the app, each from its taught `t0` on; pause_s: the pause [s] before an app, by the
-    app's number and the taught pause [s]; keeps_pause: apps before which the taught one is kept.
-    Raises CaesuraError for a program that is re-timed already, and for a pause that does not exist.
+    app's number and the taught pause [s]; keeps_pause: apps before which the taught one is kept. Raises
+    CaesuraError for a program that is re-timed already, and for a pause that does not exist.
     """
     _check(program, keeps_pause)
     made: list[ProgramStep] = []

@@ -1,4 +1,4 @@
-"""Safety limits of a program, shared by check, simulation and exported script."""
+"""Safety limits of a program, shared by check, simulation and exported scripts."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ STOP_SHARE = 0.95  # of a limit of speed or force, from which on the robot is st
 
 
 class Safety(BaseModel):
-    """Limits of speed, force and place. A speed is the flange's, a force what the robot exerts or feels.
+    """Limits of speed, force and position. Speeds are the flange's; forces are exerted or measured by the
+    robot.
 
-    Each has bounds that no arm here needs to pass: a number in millimetres is none in metres.
+    Each field has bounds that all supported arms satisfy, so that a number in millimetres is rejected.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -47,7 +48,7 @@ class Safety(BaseModel):
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
-        """A box has an inside, and a contact is felt before the robot stops."""
+        """Check that the box has a volume, and that the contact force is below the stop force."""
         for axis, low, high in zip("xyz", self.workspace_low, self.workspace_high, strict=True):
             if low >= high:
                 raise ValueError(f"workspace_low is above workspace_high in {axis}: {low:g} and {high:g} m")
@@ -58,12 +59,12 @@ class Safety(BaseModel):
 
     @property
     def most_force_n(self) -> float:
-        """The force [N] that a program may ask for: at most the cell's limit, and below the robot's stop."""
+        """The greatest force [N] of a program: at most the cell's limit, and below the robot's stop."""
         stops = STOP_SHARE * self.felt_force_n
         return stops if self.force_n is None else min(self.force_n, stops)
 
     def slower(self, speed_m_per_s: float, turn_rad_per_s: float) -> float:
-        """Return the factor of time, 1 or more, with which a movement of such peaks keeps to the limits."""
+        """Return the factor of time, 1 or more, with which a movement of these peaks keeps the limits."""
         fastest = max(speed_m_per_s / self.speed_m_per_s, turn_rad_per_s / self.turn_rad_per_s)
         return max(1.0, fastest / PLANNED_SHARE)
 
@@ -74,8 +75,8 @@ DEFAULT = Safety()
 class CellSettings(NamedTuple):
     """Requirements of a cell on the programs taught in it; None: none, or the service's own choice.
 
-    force_limit_n: [N] of every app; path_tolerance_m, path_tolerance_rad: of the paths [m], [rad];
-    robot: which arm works there, by its name; up: away from gravity, of length 1, in the arm's base frame.
+    force_limit_n: [N] of every app; path_tolerance_m, path_tolerance_rad: of the paths [m], [rad]; robot:
+    name of the cell's arm; up: away from gravity, of length 1, in the arm's base frame.
     """
 
     force_limit_n: float | None = None
@@ -86,7 +87,7 @@ class CellSettings(NamedTuple):
 
     @property
     def stated_texts(self) -> dict[str, str]:
-        """The stated settings by name, as files have them."""
+        """The stated settings by name, in the form of files."""
         stated = {key: value for key, value in self._asdict().items() if value is not None}
         return {key: up_text(value) if key == "up" else str(value) for key, value in stated.items()}
 
@@ -99,7 +100,9 @@ UNSET = CellSettings()
 
 
 def read_safety(path: Path) -> Safety:
-    """The limits of a cell: a JSON object with those that are not the default. Raises CaesuraError."""
+    """Read the limits of a cell: a JSON object with those that differ from the default. Raises
+    CaesuraError.
+    """
     try:
         return Safety.model_validate_json(path.read_text(encoding="utf-8"))
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Common parts of the scripts of all makers: their robots, their findings, and filled templates."""
+"""Common parts of the scripts of all vendors: robot checks, findings as comments, and templates."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ NAMED_FRICTION_N = 0.5  # that is left out of a force, from which on a script sa
 
 
 def robot_of_script(program: ProgramFile, script: str, expected: str) -> RobotDescription | None:
-    """The robot of a program, None where it states none.
+    """Return the robot of a program; None if it states none.
 
-    script: the scripts of its robots, as descriptions name them; expected: in words, for the error. Raises
-    ValueError for a robot of another maker, or a number that is not finite.
+    script: name of the script in robot descriptions; expected: text for the error. Raises ValueError for a
+    robot of another vendor, or a number that is not finite.
     """
     robot = None if program.robot is None else robot_description(program.robot)
     if robot is not None and robot.script != script:
@@ -43,8 +43,8 @@ def robot_of_script(program: ProgramFile, script: str, expected: str) -> RobotDe
 def findings_as_comments(program: ProgramFile) -> dict[int | None, list[str]]:
     """Return a check's findings as comment lines without a mark, by app from 0; None: the whole program.
 
-    A carry that sets down has a line on its search for a surface, a stroke one on the force that friction
-    takes. Reach is not checked: that needs the kinematics of a robot.
+    A carry that sets down has a line on its contact search, a stroke one on the removed friction. Reach is
+    not checked, because that needs the kinematics of a robot.
     """
     comments: dict[int | None, list[str]] = {
         index: ["sets down: looks for the surface at its end, slowly until it is felt"]
@@ -77,9 +77,9 @@ def table_of_apps(
     width: int,
     also: Callable[[App], Sequence[str]] = lambda app: (),
 ) -> str:
-    """The apps of a Python script as a list of rows, with what a check finds of an app above its row.
+    """Return the apps of a Python script as a list of rows, with the findings on an app above its row.
 
-    also: what else the script says of an app.
+    also: further comments on an app.
     """
     comments, lines = findings_as_comments(program), []
     for index, (app, row) in enumerate(zip(program.apps, rows, strict=True)):
@@ -90,12 +90,12 @@ def table_of_apps(
 
 
 def _one_line(text: str) -> str:
-    """A text without its line breaks: what follows one would be code."""
+    """Return a text without its line breaks: text after a line break would be code."""
     return " ".join(text.split())
 
 
 def filled_template(name: str, texts: Mapping[str, str]) -> str:
-    """The template of this file name, with a text in place of every mark."""
+    """Return the template of this file name, with texts in place of its marks."""
     texts = {"<GRIP_REACH_M>": f"{GRIP_REACH_M:g}", **texts}
     template = files("caesura_protocol.programs").joinpath(name).read_text("utf-8")
     marks = "|".join(map(re.escape, texts))
@@ -103,5 +103,5 @@ def filled_template(name: str, texts: Mapping[str, str]) -> str:
 
 
 def title_of(program: ProgramFile) -> str:
-    """Return the text by which a script names its source: station, session and revision."""
+    """Return the source of a script as text: station, session and revision."""
     return f"{program.station}/{program.session}, revision {program.revision}"

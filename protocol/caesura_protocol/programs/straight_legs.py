@@ -1,8 +1,8 @@
-"""An app's path as straight legs, for controllers that know lines and blends but no curves.
+"""Divides an app's path into straight legs, for controllers with lines and blends and without curves.
 
 The reproduced path is a curve between via points (`caesura_protocol.reproduced_path`). It is cut so that
-every chord stays within 1 mm and 0.5° of it. A leg has the mean speed of its part of the curve, slowed where
-that exceeds a limit; at a corner the next leg is blended in.
+every chord stays within 1 mm and 0.5° of it. A leg has the mean speed of its part of the curve, reduced to
+the limits; corners are blended.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ PEAK = 2.0  # speed of a turn that starts and stops, over its mean
 class Leg(NamedTuple):
     """A straight movement to a pose of the flange.
 
-    speed_m_per_s: None where it only turns, by turn_rad in `seconds`; seconds: that it takes; blend_m: 0
-    where it stops.
+    speed_m_per_s: None if it only turns, by turn_rad in `seconds`; seconds: its duration; blend_m: 0 if it
+    stops.
     """
 
     position: Vector
@@ -50,10 +50,10 @@ class Leg(NamedTuple):
 def straight_legs(
     app: App, before: Vector | None, safety: Safety, acceleration: float, *, stop_short: Vector | None = None
 ) -> list[Leg]:
-    """The legs of an app to its target. Raises ValueError for an app without target.
+    """Return the legs of an app to its target. Raises ValueError for an app without target.
 
-    before: where it begins, if it has no path. acceleration: [m/s²] with which a single leg starts and stops.
-    stop_short: (3,) [m]; what lies beyond the plane that ends so far before the target is left out.
+    before: its start, if it has no path. acceleration: [m/s²] at the start and stop of a single leg.
+    stop_short: (3,) [m]; the part beyond the plane at this vector before the target is left out.
     """
     t, poses = _points(app, before)
     if stop_short is not None:
@@ -67,7 +67,7 @@ def straight_legs(
 
 
 def _points(app: App, before: Vector | None) -> tuple[Array, Array]:
-    """Times (k,) [s] and poses (k, 3 or 7), close together along the curve."""
+    """Return times (k,) [s] and poses (k, 3 or 7), close together along the curve."""
     if app.target is None:
         raise ValueError(f"{app.kind} at {fixed(app.t0, 2)} s has no target")
     if app.path is None:
@@ -81,7 +81,7 @@ def _points(app: App, before: Vector | None) -> tuple[Array, Array]:
 
 
 def _ended_before(t: Array, poses: Array, short: Array) -> tuple[Array, Array]:
-    """Return times and poses up to the plane that lies `short` before the target, and end on it there."""
+    """Return times and poses up to the plane at `short` before the target, with the last one on it."""
     target = poses[-1].copy()
     direction = short / np.linalg.norm(short)
     left = (target[:3] - poses[:, :3]) @ direction
@@ -94,7 +94,7 @@ def _ended_before(t: Array, poses: Array, short: Array) -> tuple[Array, Array]:
 
 
 def _corners(poses: Array) -> list[int]:
-    """The rows between which straight legs stay close to all rows (Douglas and Peucker)."""
+    """Return the rows between which straight legs stay close to all rows (Douglas and Peucker)."""
     keep, open_ends = {0, len(poses) - 1}, [(0, len(poses) - 1)]
     while open_ends:
         first, last = open_ends.pop()
@@ -156,7 +156,7 @@ def _legs(t: Array, poses: Array, safety: Safety, acceleration: float) -> list[L
 
 
 def _cruise(length: float, seconds: float, acceleration: float) -> float:
-    """Return the constant speed [m/s] between the ramps of a leg that takes so long from rest to rest."""
+    """Return the constant speed [m/s] of a leg of this duration from rest to rest."""
     free = (acceleration * seconds) ** 2 - 4.0 * acceleration * length
     return 0.5 * (acceleration * seconds - math.sqrt(max(free, 0.0)))
 

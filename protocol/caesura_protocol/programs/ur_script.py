@@ -1,9 +1,10 @@
-"""A program as URScript, for an arm of Universal Robots.
+"""Writes a program as URScript, for an arm of Universal Robots.
 
-Every app is written out, in lines that stand alone; what they share is a template (`ur_template.script.txt`).
-Free ways are `movel` with blends, ways along a surface `movep` in force mode, and the first way is a `movej`.
-A movement that a contact or a torque ends runs in a thread, which is killed then. Functions of URScript are
-those of the script manual for PolyScope 5. Poses are the flange's, in the controller's base frame.
+Every app is written as separate lines; common functions are in a template (`ur_template.script.txt`). Free
+movements are `movel` with blends, movements along a surface `movep` in force mode, and the first movement is
+a `movej`. A movement that a contact or a torque ends runs in a thread, which is then killed. URScript
+functions are those of the script manual for PolyScope 5. Poses are the flange's, in the controller's base
+frame.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ INDENT = "  "
 
 
 def ur_script(program: ProgramFile) -> str:
-    """The script's text.
+    """Return the script's text.
 
     Raises ValueError for a robot of another maker, a gripper that URScript cannot drive, an app beyond the
     limits, or a number that is not finite.
@@ -72,7 +73,9 @@ def ur_script(program: ProgramFile) -> str:
 
 
 def _gravity(program: ProgramFile) -> str:
-    """Return the line that sets the stated mounting; empty without one: the installation's stays."""
+    """Return the line that sets the stated mounting; empty without one, so that the installation's setting
+    applies.
+    """
     if program.up is None:
         return ""
     away = _list([GRAVITY_M_PER_S2 * value for value in program.up])
@@ -80,21 +83,21 @@ def _gravity(program: ProgramFile) -> str:
 
 
 def _ascii(text: str) -> str:
-    """A script as the controller can read it: what is not ASCII stands in comments alone."""
+    """Return a script in ASCII, as the controller needs it: other characters occur only in comments."""
     for mark, word in (("°", " degrees"), ("–", " to "), ("±", "+-")):
         text = text.replace(mark, word)
     return text.encode("ascii", "replace").decode("ascii")
 
 
 class _Writer:
-    """Writes planned apps."""
+    """Writes the lines of planned apps."""
 
     def __init__(self, program: ProgramFile) -> None:
         self._gripper = gripper_of(program)
         self._comments = findings_as_comments(program)
 
     def lines(self, planned: PlannedApp) -> list[str]:
-        """The lines of an app, and the pause after it."""
+        """Return the lines of an app, and of the pause after it."""
         app = planned.app
         lines = ["", f"# {planned.name}, {app.tn - app.t0:.2f} s as taught"]
         if app.name or app.target_name:
@@ -142,14 +145,14 @@ class _Writer:
         return ["check_held()"] if driven and APP_KINDS[app.kind].carries else []
 
     def _tightness(self, app: App) -> str | None:
-        """Return the condition under which a turn goes on: torque below its stop; None without a stop."""
+        """Return the condition to continue a turn: a torque below its stop; None without a stop."""
         most_nm = stop_torque_nm(app.screw)
         if app.screw is None or most_nm is None:
             return None
         return f"torque_about({_list(app.screw.axis)}, {_list(app.screw.point)}) < {most_nm:.4f}"
 
     def _watched(self, index: int, moves: Sequence[str], condition: str | None) -> list[str]:
-        """Return lines that move while a condition holds; without one, the movements as they are."""
+        """Return lines that move while a condition holds; without one, the movements unchanged."""
         if condition is None or not moves:
             return list(moves)
         thread = f"way_{index + 1}"
@@ -203,9 +206,9 @@ class _Writer:
 
 
 def _press_moves(app: App, begins: Vector, legs: Sequence[Leg]) -> list[str]:
-    """The movements of a press, each after the ends of its leg, beyond which the flange is not pushed far.
+    """Return the movements of a press, each with limits at the ends of its leg.
 
-    Where the path tilts the tool, the force turns with it from leg to leg.
+    If the path tilts the tool, the force turns with it from leg to leg.
     """
     kind = "movep" if app.path is not None and app.path.length_m >= SLIDE_M else "movel"
     moves, in_tool, newtons = [], force_in_tool(app), math.hypot(*(app.force or ()))
@@ -279,7 +282,7 @@ def _list(values: Sequence[float]) -> str:
 
 
 def _z_along(direction: Vector) -> Quaternion:
-    """A rotation that turns z into a direction of unit length."""
+    """Return a rotation that turns z into a direction of unit length."""
     x, y, z = direction
     if z < -1.0 + 1e-9:
         return (1.0, 0.0, 0.0, 0.0)

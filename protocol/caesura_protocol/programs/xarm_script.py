@@ -1,8 +1,8 @@
 """A program as a script for xArm-Python-SDK 1.18 (https://github.com/xArm-Developer/xArm-Python-SDK).
 
-The script stands alone: limits as constants at its top, the apps as a table, and a runner. It is a template
-(`xarm_template.py.txt`) with these filled in. The force controller follows an axis of the base or of the
-tool: what leans from one by up to 20° is pressed along it, and any other force is refused.
+The script is self-contained: limits as constants at its top, the apps as a table, and a runner. It is the
+template `xarm_template.py.txt` with these values. The force controller acts along an axis of the base or of
+the tool: a force within 20° of one is exerted along it, and any other force is refused.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ BASE, TOOL = 0, 1  # frames of the force controller
 
 
 def xarm_script(program: ProgramFile) -> str:
-    """The script's text.
+    """Return the script's text.
 
     Raises ValueError for a robot of another maker, a gripper that the SDK cannot drive, an app beyond the
     limits, a force along no axis, or a number that is not finite.
@@ -115,9 +115,9 @@ def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
 
 
 def _force(name: str, app: App) -> tuple[int, int, float]:
-    """The frame and axis from which the force of an app leans least, and the force [N] along it.
+    """Return the frame and axis nearest to the force of an app, and the force [N] along it.
 
-    Raises ValueError where it leans from all by more than `MOST_LEAN_RAD`.
+    Raises ValueError if its angle to all axes exceeds `MOST_LEAN_RAD`.
     """
     frame, axis, lean_rad, newtons = _axis(app)
     if lean_rad > MOST_LEAN_RAD:
@@ -128,9 +128,9 @@ def _force(name: str, app: App) -> tuple[int, int, float]:
 
 
 def _axis(app: App) -> tuple[int, int, float, float]:
-    """A frame, an axis of it, by how much the force of an app leans from it [rad], and its size along it [N].
+    """Return a frame, its axis, the angle of an app's force to it [rad], and the force [N] along it.
 
-    Where the path tilts the tool, the axis is one of the tool.
+    If the path tilts the tool, the axis is one of the tool.
     """
     force, orientation = app.force or (0.0, 0.0, 0.0), orientation_halfway(app)
     newtons, in_tool = math.hypot(*force), force_in_tool(app)

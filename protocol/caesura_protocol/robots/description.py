@@ -1,4 +1,4 @@
-"""Robots as data: their URDF, their limits, and where they measure the wrench.
+"""Robots as data: their URDF, their limits, and the place where they measure the wrench.
 
 A robot is a folder with a `robot.json` and a URDF without meshes. `docs/robots.md` has the fields.
 """
@@ -36,11 +36,11 @@ Listed = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=JOINTS_M
 
 
 class RobotError(CaesuraError, ValueError):
-    """A robot is not known, or its description cannot be used."""
+    """A robot is unknown, or its description cannot be used."""
 
 
 def _named_gripper(value: object) -> object:
-    """A gripper of the table by its name; another value as it is."""
+    """Return the listed gripper of this name; any other value unchanged."""
     return named_gripper(value) if isinstance(value, str) else value
 
 
@@ -99,7 +99,7 @@ class RobotDescription(BaseModel):
 def robot_description(name: str) -> RobotDescription:
     """Return the description of a robot by its name, or by the path of a `robot.json` or its folder.
 
-    A robot that was read from a path is known by its name from then on. Names are those of `robot_names`.
+    A robot that was read from a path can be found by its name from then on. Names are those of `robot_names`.
     Raises RobotError for an unknown name, an unusable file, and a `CAESURA_ROBOTS` without robots.
     """
     known = _known()
@@ -126,14 +126,14 @@ def robot_description(name: str) -> RobotDescription:
 def robot_names() -> tuple[str, ...]:
     """Return the names of the robots of this package, of others, and of the folder `CAESURA_ROBOTS`.
 
-    Raises RobotError for a `CAESURA_ROBOTS` without robots, or with a name that another robot has.
+    Raises RobotError for a `CAESURA_ROBOTS` without robots, or with the name of another robot.
     """
     _check_folder()
     return tuple(_known())
 
 
 def _check_folder() -> None:
-    """Raises RobotError where `CAESURA_ROBOTS` has no robot, or a name that is taken."""
+    """Raise RobotError if `CAESURA_ROBOTS` has no robot, or a name that is in use."""
     if not (folder := os.environ.get(FOLDER)):
         return
     own = {path.parent.name: path for path in sorted(Path(folder).glob(f"*/{FILE}"))}
@@ -147,7 +147,7 @@ def _check_folder() -> None:
 def _known() -> dict[str, Path | EntryPoint]:
     """Return the source of each robot's description, by name of the robot.
 
-    Of one name the shipped one counts; the others are logged.
+    If several have one name, the shipped one counts; the others are logged.
     """
     known: dict[str, Path | EntryPoint] = {}
     folder = os.environ.get(FOLDER)
@@ -216,6 +216,6 @@ def _found(error: ValidationError) -> str:
 
 
 def _check_size(path: Path) -> None:
-    """Raises RobotError for a file that takes seconds to read: each opening of a session reads it."""
+    """Raise RobotError for a file too large to be read at each opening of a session."""
     if (size := path.stat().st_size) > MAX_FILE_BYTES:
         raise RobotError(f"{path}: has {size} bytes, expected at most {MAX_FILE_BYTES}")

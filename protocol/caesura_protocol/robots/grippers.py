@@ -1,7 +1,7 @@
-"""Grippers as data: how wide they open, how hard and fast they close, and what shows that something is held.
+"""Grippers as data: their opening, force and speed, and the signal of a held object.
 
-Those that ship are the table `grippers.json`. A robot has one by its name, or one of its own as an object of
-the same fields (docs/robots.md, Grippers).
+The shipped grippers are in the table `grippers.json`. A robot refers to one by its name, or defines its own
+as an object with the same fields (docs/robots.md, Grippers).
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ Count = Annotated[int, Field(ge=0, le=0xFFFF)]
 
 
 class GripperError(CaesuraError, ValueError):
-    """A gripper is not known, or its description cannot be used."""
+    """A gripper is unknown, or its description cannot be used."""
 
 
 class GripperDescription(BaseModel):
-    """A gripper. Numbers that a suction cup does not have are None."""
+    """A gripper. Numbers that do not apply, as to a suction cup, are None."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -71,13 +71,13 @@ class GripperDescription(BaseModel):
         return self
 
     def count(self, width_m: float) -> int:
-        """The count of a width, by the straight line from open to shut."""
+        """Return the count of a width, linear between open and closed."""
         (opened, shut), opening_m = self._calibration()
         share = min(max(width_m / opening_m, 0.0), 1.0)
         return round(shut + share * (opened - shut))
 
     def width_m(self, count: int) -> float:
-        """The width [m] of a count, by the same line; within 0 and the opening."""
+        """Return the width [m] of a count, linear; within 0 and the opening."""
         (opened, shut), opening_m = self._calibration()
         share = (count - shut) / (opened - shut)
         return min(max(share, 0.0), 1.0) * opening_m
@@ -89,7 +89,7 @@ class GripperDescription(BaseModel):
         return self.counts, self.opening_m
 
     def register_counts(self, speed_m_per_s: float, force_n: float) -> tuple[int, int]:
-        """Speed and force as counts of Robotiq's registers: 0 for the least that it has, 255 for the most."""
+        """Return speed and force as counts of Robotiq's registers: 0 for its least, 255 for its most."""
         force, speed = self.clamped(force_n, speed_m_per_s)
         return (
             _share_of_255(speed, self.least_speed_m_per_s, self.speed_m_per_s or speed),
@@ -97,7 +97,7 @@ class GripperDescription(BaseModel):
         )
 
     def clamped(self, force_n: float, speed_m_per_s: float) -> tuple[float, float]:
-        """A force [N] and a speed [m/s] within what it has."""
+        """Return a force [N] and a speed [m/s] limited to the gripper's range."""
         force = max(force_n, self.least_force_n)
         speed = max(speed_m_per_s, self.least_speed_m_per_s)
         return min(force, self.force_n or force), min(speed, self.speed_m_per_s or speed)
@@ -109,13 +109,13 @@ def _share_of_255(value: float, least: float, most: float) -> int:
 
 @cache
 def grippers() -> Mapping[str, GripperDescription]:
-    """Return the grippers that ship, by name."""
+    """Return the shipped grippers by name."""
     table = json.loads(TABLE.read_text("utf-8"))
     return MappingProxyType({name: GripperDescription.model_validate(one) for name, one in table.items()})
 
 
 def gripper(name: str) -> GripperDescription:
-    """Return a gripper by its name. Raises GripperError, which names those that there are."""
+    """Return a gripper by its name. Raises GripperError, which lists the known ones."""
     if (found := grippers().get(name)) is None:
         raise GripperError(f"gripper {name!r} is not known, expected one of {', '.join(grippers())}")
     return found

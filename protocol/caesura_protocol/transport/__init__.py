@@ -1,1 +1,1 @@
-"""The network as both sides use it: Zenoh, and its twin in memory."""
+"""The network interface of clients and service: Zenoh, and an implementation in memory."""

@@ -1,9 +1,9 @@
 """Diagnoses why a router refuses a connection, because Zenoh states only that it could not connect.
 
-So the same is tried once more with plain sockets: is there anything, does it speak TLS, what does it say of
-our certificate, what do we say of its own, does it answer as a router. Asked once an attempt has failed; it
-takes up to four seconds. Only an answer shows that waiting will not help: the system accepts connections
-for a process that hangs, too.
+So the connection is repeated with plain sockets: whether a process listens, whether it uses TLS, whether each
+side accepts the other's certificate, and whether it answers as a router. This runs after a failed attempt,
+and takes up to four seconds. Only an answer shows that waiting will not help, because the system also accepts
+connections for a process that hangs.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ _PEER_CERTIFICATE_REMEDIES: tuple[tuple[str, str], ...] = (
 
 
 class _WaitingHelpsError(Exception):
-    """Raised if a listener gives no session now, and may later.
+    """A listener gives no session now, and may do so later.
 
-    what: the listener does, in words; why: it may do so, and what to do.
+    what: text on what the listener does; why: text on the possible cause and the remedy.
     """
 
     def __init__(self, what: str, why: str) -> None:
@@ -77,7 +77,7 @@ def _silent() -> _WaitingHelpsError:
 def diagnose_connection(endpoint: str, read: Read, *, for_s: float | None = None) -> Unreachable:
     """Return the error to raise after a failed attempt. AccessDenied where waiting will not help.
 
-    read: the configuration that was tried; for_s: how long it was.
+    read: reads the tried configuration; for_s: duration of the attempt [s].
     """
     protocol, _, address = endpoint.partition("#")[0].partition("?")[0].partition("/")
     host, _, port = address.rpartition(":")
@@ -98,7 +98,7 @@ def diagnose_connection(endpoint: str, read: Read, *, for_s: float | None = None
 
 
 def listener_certificate_end(endpoint: str, read: Read) -> float | None:
-    """Return when the certificate that a router shows ends [s since 1970]; None where it shows none to us."""
+    """Return the time [s since 1970] at which a router's certificate expires; None if it presents none."""
     protocol, _, address = endpoint.partition("#")[0].partition("?")[0].partition("/")
     host, _, port = address.rpartition(":")
     if protocol != "tls":
@@ -132,9 +132,9 @@ def _check_listener(protocol: str, host: str, port: int, read: Read) -> str:
 
 
 def _greeting_verdict(link: socket.socket, read: Read, *, is_right_protocol: bool = True) -> str | None:
-    """Greet as a client of Zenoh; return why there is no session, None for a router of another protocol.
+    """Greet as a Zenoh client; return why there is no session, None for a router of another protocol.
 
-    Raises _WaitingHelpsError without an answer, and where the router begins a session.
+    Raises _WaitingHelpsError without an answer, and if the router begins a session.
     """
     name = os.urandom(12) + b"\r\n\r\n"  # a server that reads lines answers as well
     greeting = bytes((_INIT, _VERSION, _CLIENT_WITH_ID_OF_16)) + name
@@ -163,7 +163,7 @@ def _greeting_verdict(link: socket.socket, read: Read, *, is_right_protocol: boo
 
 
 def _check_not_closed(link: socket.socket) -> None:
-    """Raises _WaitingHelpsError where it is closed already; else a router waits for the first message."""
+    """Raise _WaitingHelpsError if the link is already closed; a router would wait for the first message."""
     link.settimeout(VERDICT_S)
     try:
         if not link.recv(1, socket.MSG_PEEK):
@@ -173,7 +173,7 @@ def _check_not_closed(link: socket.socket) -> None:
 
 
 def _tls_verdict(plain: socket.socket, host: str, read: Read) -> str | None:
-    """Return which certificate is refused, and why; else what the router answers to a greeting."""
+    """Return which certificate is rejected, and why; else the router's answer to a greeting."""
     try:
         context = _context(read)
     except (OSError, ValueError) as error:

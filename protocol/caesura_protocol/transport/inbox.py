@@ -1,10 +1,9 @@
 """Received items, and the bounded queue that holds them.
 
 Rule 1: a callback that receives from the network only enqueues; work happens in the thread that calls `get`.
-A slow callback inside the network library delays every other subscriber of the process.
-Rule 2: an inbox holds `capacity` items and `capacity_bytes` of payloads. When it is full the oldest are
-dropped and counted: readers of results find the hole by its sequence number, and a question that is dropped
-is refused as `overloaded`.
+A slow callback inside the network library delays every other subscriber of the process. Rule 2: an inbox
+holds `capacity` items and `capacity_bytes` of payloads. When it is full the oldest are dropped and counted:
+readers of results detect the gap by sequence numbers, and a dropped query is refused as `overloaded`.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ CAPACITY_BYTES = 1 << 26  # of payloads; one item may always stay
 
 
 class ReceivedSample(NamedTuple):
-    """A payload that was put on a key, or that answered a query."""
+    """A payload that was published on a key, or that answered a query."""
 
     key: str
     payload: bytes
@@ -31,38 +30,38 @@ class ReceivedSample(NamedTuple):
 
 
 class TokenChange(NamedTuple):
-    """A liveliness token appeared or went."""
+    """A liveliness token appeared or disappeared."""
 
     key: str
     alive: bool
 
 
 class IncomingQuery(Protocol):
-    """A query that waits for its answer. Leaving it as a context manager ends it for the asker."""
+    """A query that waits for its replies. Leaving its context ends the query for the client."""
 
     @property
     def key(self) -> str:
-        """The key that was asked, which may hold wildcards."""
+        """The key of the query, which may contain wildcards."""
 
     @property
     def parameters(self) -> str:
-        """The parameters of the query, as they follow its `?`."""
+        """The parameters of the query, after its `?`."""
 
     @property
     def content(self) -> Encoded | None:
-        """The payload of the question."""
+        """The payload of the query."""
 
     def reply(self, key: str, answer: Encoded) -> None:
-        """Send one answer; there may be several."""
+        """Send one reply; there may be several."""
 
     def refuse(self, error: Encoded) -> None:
         """Send a refusal."""
 
     def matches(self, key: str) -> bool:
-        """Return whether the key that was asked intersects another."""
+        """Return whether the key of the query intersects another."""
 
     def drop(self) -> None:
-        """End the query for the asker."""
+        """End the query for the client."""
 
     def __enter__(self) -> Self: ...
 
@@ -75,7 +74,7 @@ Item = ReceivedSample | TokenChange | IncomingQuery
 
 
 class Inbox:
-    """A bounded queue between the network and one consumer; safe between threads."""
+    """A bounded queue between the network and one consumer. Thread-safe."""
 
     def __init__(self, capacity: int = DEFAULT_CAPACITY, capacity_bytes: int = CAPACITY_BYTES) -> None:
         self.capacity = capacity
@@ -86,7 +85,7 @@ class Inbox:
         self._changed = threading.Condition()
 
     def offer(self, item: Item) -> None:
-        """Enqueue an item; drops the oldest where the inbox is full. Never blocks."""
+        """Enqueue an item; drop the oldest if the inbox is full. Never blocks."""
         dropped: list[Item] = []
         with self._changed:
             while self._items and self._is_full(item):
@@ -100,7 +99,7 @@ class Inbox:
                 self._refuse(oldest)
 
     def get(self, timeout_s: float) -> Item | None:
-        """The oldest item, or None where none came in time."""
+        """Return the oldest item, or None if none arrived within the timeout."""
         deadline = time.monotonic() + timeout_s
         with self._changed:
             while not self._items:

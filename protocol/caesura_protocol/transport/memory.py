@@ -1,7 +1,7 @@
-"""A transport within one process, with the contract of the real one, for tests and examples.
+"""A transport within one process, with the same interface and behaviour, for tests and examples.
 
-A MemoryNetwork is what a router is to Zenoh; each MemoryTransport is one session with it. `lose` makes the
-network drop what matches, as DROP does to a full queue, without an error for the sender.
+A MemoryNetwork replaces Zenoh's router; each MemoryTransport is one session with it. `lose` makes the network
+drop matching messages, like DROP with a full queue, without an error for the sender.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ class Offered(Protocol):
 
 
 class CallbackInbox(NamedTuple):
-    """Passes each item to a callback, in the thread that puts or queries."""
+    """Passes each item to a callback, in the thread that publishes or queries."""
 
     offer: Callable[[Any], object]
 
 
 class MemoryNetwork:
-    """All declarations of all its transports."""
+    """A network in memory: the declarations of all its transports."""
 
     def __init__(self) -> None:
         self.subscribers: list[tuple[str, Offered]] = []
@@ -54,12 +54,12 @@ class MemoryNetwork:
         self.lock = threading.RLock()
 
     def transport(self) -> MemoryTransport:
-        """A new session with this network."""
+        """Return a new session with this network."""
         return MemoryTransport(self)
 
 
 class MemoryTransport:
-    """A session with a MemoryNetwork; meets the Transport contract."""
+    """A session with a MemoryNetwork; implements Transport."""
 
     endpoint: str = "memory"
 
@@ -78,7 +78,7 @@ class MemoryTransport:
         """Return at once: declarations end with their context managers."""
 
     def put(self, key: str, content: Encoded, *, priority: Priority = "data") -> None:
-        """Deliver to every subscriber of the key."""
+        """Deliver a message to every subscriber of the key."""
         del priority  # one process, one order
         delivery = ReceivedSample(key, *content)
         if not self._network.lose(delivery):
@@ -92,7 +92,7 @@ class MemoryTransport:
         parameters: str = "",
         timeout_s: float = QUERY_TIMEOUT_S,
     ) -> QueryReplies:
-        """Ask every queryable of the key and wait until each has ended its question."""
+        """Query every queryable of the key and wait until each has ended its query."""
         with self._network.lock:
             asked = [inbox for known, inbox in self._network.queryables if intersect(known, key)]
         questions = [MemoryQuestion(key, parameters, content) for _ in asked]
@@ -112,7 +112,7 @@ class MemoryTransport:
 
     @contextmanager
     def subscribe(self, key: str, inbox: Offered) -> Iterator[None]:
-        """Enqueue a ReceivedSample for everything that is put on the key."""
+        """Enqueue a ReceivedSample for every message on the key."""
         with self._declared(self._network.subscribers, key, inbox):
             yield
 
@@ -137,7 +137,7 @@ class MemoryTransport:
 
     @contextmanager
     def watch_liveliness(self, key: str, inbox: Offered) -> Iterator[None]:
-        """Enqueue a TokenChange for every token that is there, comes or goes."""
+        """Enqueue a TokenChange for every token that exists, appears or disappears."""
         with self._declared(self._network.watchers, key, inbox):
             for token in self.list_tokens(key):
                 inbox.offer(TokenChange(token, alive=True))
@@ -163,7 +163,7 @@ class MemoryTransport:
 
 
 class MemoryQuestion:
-    """A question within the process; collects its answers until it is ended."""
+    """A query within the process; collects its replies until it is ended."""
 
     def __init__(self, key: str, parameters: str, content: Encoded | None) -> None:
         self.key = key
@@ -174,7 +174,7 @@ class MemoryQuestion:
         self.ended = threading.Event()
 
     def reply(self, key: str, answer: Encoded) -> None:
-        """Send one answer."""
+        """Send one reply."""
         self.replies.append(ReceivedSample(key, *answer))
 
     def refuse(self, error: Encoded) -> None:
@@ -182,11 +182,11 @@ class MemoryQuestion:
         self.refusals.append(decode_error(*error))
 
     def matches(self, key: str) -> bool:
-        """Return whether the key that was asked intersects another."""
+        """Return whether the key of the query intersects another."""
         return intersect(self.key, key)
 
     def drop(self) -> None:
-        """End the query for the asker."""
+        """End the query for the client."""
         self.ended.set()
 
     def __enter__(self) -> Self:

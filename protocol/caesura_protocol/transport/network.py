@@ -1,4 +1,4 @@
-"""The interface of a transport; `transport` implements it with Zenoh, `memory` without a network."""
+"""The interface of a transport; `zenoh_transport` implements it with Zenoh, `memory` without a network."""
 
 from __future__ import annotations
 
@@ -14,8 +14,10 @@ Priority = Literal["data_high", "data", "data_low"]
 
 
 class QueryReplies(NamedTuple):
-    """Replies and refusals of a query. Both empty: no queryable is there, the query is forbidden, or all of a
-    long answer was lost but its end. Who has nothing to reply says so: see `nothing_found`.
+    """Replies and refusals of a query.
+
+    Both are empty if there is no queryable, the query is forbidden, or all of a long answer except its end
+    was lost. A queryable without content states that: see `nothing_found`.
     """
 
     replies: tuple[ReceivedSample, ...]
@@ -23,7 +25,7 @@ class QueryReplies(NamedTuple):
 
 
 class IncompleteAnswerError(ProtocolError):
-    """The answer to a query, or a part of it, did not arrive: the same query may succeed at once."""
+    """The answer to a query, or a part of it, was not received: the same query may succeed at once."""
 
 
 def unanswered(timeout_s: float) -> IncompleteAnswerError:
@@ -39,25 +41,30 @@ NOTHING: ErrorCode = "unknown_session"
 
 
 def nothing_found(instance: str, replies: int = 0) -> ProtocolError:
-    """Return how an instance of the service says that it has nothing of what a query asks for, or nothing
-    more than so many replies, some of which a busy network may lose.
+    """Return the reply of a service instance that it has no matching content, or no more than `replies`
+    replies.
+
+    A reader compares this number with the received replies, some of which a congested network may lose.
     """
     more = f"more than {replies} replies" if replies else "of what was asked for"
     return ProtocolError(NOTHING, f"{instance} has nothing {more}", value=instance, limit=replies)
 
 
 class Transport(Protocol):
-    """A network session. Keys and payloads in, items in an Inbox out; context managers own declarations."""
+    """A network session: publishes payloads, and puts received items into an Inbox.
+
+    Context managers own the declarations.
+    """
 
     @property
     def endpoint(self) -> str:
-        """The endpoint to which it is connected, as errors name it."""
+        """The connected endpoint, as named in errors."""
 
     def close(self) -> None:
-        """Leave the network; everything declared through this session goes with it."""
+        """Leave the network; all declarations of this session end."""
 
     def put(self, key: str, content: Encoded, *, priority: Priority = "data") -> None:
-        """Publish, without ever blocking; what a full queue drops is dropped silently."""
+        """Publish without blocking; messages that do not fit into a queue are dropped silently."""
 
     def query(
         self,
@@ -73,7 +80,7 @@ class Transport(Protocol):
         """Return the keys of the liveliness tokens that exist now, sorted."""
 
     def subscribe(self, key: str, inbox: Inbox) -> AbstractContextManager[None]:
-        """Enqueue a ReceivedSample for everything that is put on the key."""
+        """Enqueue a ReceivedSample for every message on the key."""
 
     def declare_queryable(self, key: str, inbox: Inbox) -> AbstractContextManager[None]:
         """Enqueue an IncomingQuery for every query on the key."""
@@ -82,4 +89,4 @@ class Transport(Protocol):
         """Declare a liveliness token on the key."""
 
     def watch_liveliness(self, key: str, inbox: Inbox) -> AbstractContextManager[None]:
-        """Enqueue a TokenChange for every token that is there, comes or goes."""
+        """Enqueue a TokenChange for every token that exists, appears or disappears."""

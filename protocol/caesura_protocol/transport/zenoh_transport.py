@@ -1,10 +1,10 @@
 """The transport over Zenoh; the only module of the clients that imports zenoh.
 
-Why the settings are as they are (measured, see ARCHITECTURE.md): multicast and gossip off, because a factory
-network names its routers; shared memory off, because it raised the 99th percentile from 0.15 to 53 ms; a
-lease of 2 s, because a frozen peer is otherwise noticed after 9.5 s; DROP everywhere, because BLOCK stalls a
-robot's loop for 5 s and then loses the data all the same. Nothing here retransmits: sequence numbers and the
-bridge's ring do.
+Reasons of the settings (measured, see ARCHITECTURE.md): multicast and gossip are off, because a factory
+network names its routers. Shared memory is off, because it raised the 99th percentile from 0.15 to 53 ms. The
+lease is 2 s, because a frozen peer is otherwise detected after 9.5 s. Everything uses DROP, because BLOCK
+stalls a robot's loop for 5 s and then loses the data nevertheless. The transport retransmits nothing:
+sequence numbers and the bridge's ring are for that.
 """
 
 from __future__ import annotations
@@ -63,11 +63,11 @@ PRIORITIES: Mapping[Priority, zenoh.Priority] = {
 
 
 class ZenohTransport:
-    """A client session with a Zenoh router. Close it: an open session hangs the interpreter at exit.
+    """A client session with a Zenoh router. Close it: an open session blocks the interpreter's exit.
 
     endpoint: `tcp/host:port` or `tls/host:port`, None for that of the config_file or DEFAULT_ENDPOINT;
-    config_file: zenoh json5 with the router, and certificates or a password; timeout_s: how long to try
-    before Unreachable is raised, None for ever.
+    config_file: zenoh json5 with the router, and certificates or a password; timeout_s: time after which
+    Unreachable is raised, None for no limit.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class ZenohTransport:
         self.close()
 
     def close(self) -> None:
-        """Leave the network; everything declared through this session goes with it."""
+        """Leave the network; all declarations of this session end."""
         for session in (self._session, self._looker):
             if session is not None:
                 session.close()  # type: ignore[no-untyped-call]
@@ -135,8 +135,8 @@ class ZenohTransport:
 
         Raises Unreachable without a router.
 
-        Asks through a session of its own. In one that watches tokens, a query ends before its answers have
-        come in 3 % of all cases (zenoh 1.10.2, busy machine); in one that never does, in 0 of 41,700.
+        It uses a separate session. In a session that watches tokens, a query ends before its replies are
+        received in 3 % of all cases (zenoh 1.10.2, busy machine); in one that never does, in 0 of 41,700.
         """
         with _map_zenoh_errors(self.endpoint), self._looking:
             if self._looker is None:
@@ -146,7 +146,7 @@ class ZenohTransport:
 
     @contextmanager
     def subscribe(self, key: str, inbox: Inbox) -> Iterator[None]:
-        """Enqueue a ReceivedSample for everything that is put on the key."""
+        """Enqueue a ReceivedSample for every message on the key."""
         with _map_zenoh_errors(self.endpoint):
             handler = direct(lambda sample: inbox.offer(_delivery(sample)))
             declared = self._session.declare_subscriber(key, handler)
@@ -172,7 +172,7 @@ class ZenohTransport:
 
     @contextmanager
     def watch_liveliness(self, key: str, inbox: Inbox) -> Iterator[None]:
-        """Enqueue a TokenChange for every token that is there, comes or goes."""
+        """Enqueue a TokenChange for every token that exists, appears or disappears."""
         with _map_zenoh_errors(self.endpoint):
             handler = direct(lambda sample: inbox.offer(token_change(sample)))
             declared = self._session.liveliness().declare_subscriber(key, handler, history=True)
@@ -181,7 +181,7 @@ class ZenohTransport:
 
 
 class ZenohQuestion:
-    """A zenoh query, held until it is answered: dropping it is what ends it for the asker."""
+    """A Zenoh query, kept until it is answered: dropping it ends the query for the client."""
 
     def __init__(self, query: zenoh.Query) -> None:
         self._query = query
@@ -190,12 +190,12 @@ class ZenohQuestion:
 
     @cached_property
     def content(self) -> Encoded | None:
-        """The payload of the question; copied only where it is read."""
+        """The payload of the query, copied only when it is read."""
         payload = self._query.payload
         return None if payload is None else Encoded(payload.to_bytes(), str(self._query.encoding)[:MAX_TEXT])
 
     def reply(self, key: str, answer: Encoded) -> None:
-        """Send one answer."""
+        """Send one reply."""
         with _map_zenoh_errors(key):
             self._query.reply(key, answer.payload, encoding=answer.encoding)
 
@@ -205,11 +205,11 @@ class ZenohQuestion:
             self._query.reply_err(error.payload, encoding=error.encoding)
 
     def matches(self, key: str) -> bool:
-        """Return whether the key that was asked intersects another."""
+        """Return whether the key of the query intersects another."""
         return self._query.key_expr.intersects(key)
 
     def drop(self) -> None:
-        """End the query for the asker."""
+        """End the query for the client."""
         self._query.drop()  # type: ignore[no-untyped-call]
 
     def __enter__(self) -> Self:
@@ -222,8 +222,9 @@ class ZenohQuestion:
 
 
 def direct(enqueue: Callable[[Any], None]) -> zenoh.handlers.Callback[Any]:
-    """A callback in the receiving thread itself, which keeps the order; enqueuing is shorter than a change of
-    threads.
+    """Return a callback that runs in the receiving thread, which keeps the order.
+
+    Enqueuing takes less time than a change of threads.
     """
     return zenoh.handlers.Callback(enqueue, indirect=False)
 
@@ -233,7 +234,7 @@ def _delivery(sample: zenoh.Sample) -> ReceivedSample:
 
 
 def token_change(sample: zenoh.Sample) -> TokenChange:
-    """Return which token appeared or went."""
+    """Return which token appeared or disappeared."""
     return TokenChange(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
 
@@ -249,7 +250,7 @@ def _split_replies(replies: zenoh.handlers.Handler[zenoh.Reply], timeout_s: floa
 
 
 def _refusal(error: zenoh.ReplyError, timeout_s: float) -> ProtocolError:
-    """The refusal in an error reply. One of the library itself carries plain text: a timeout, say."""
+    """Return the refusal in an error reply; an error of the library, such as a timeout, is plain text."""
     payload = error.payload.to_bytes()
     if payload == TIMEOUT:
         return unanswered(timeout_s)
@@ -265,7 +266,10 @@ def endpoint_of(endpoint: str | None, config_file: Path | None) -> str:
 
 
 def certificate_end_at(endpoint: str | None, config_file: Path | None) -> float | None:
-    """Return when the router's certificate ends [s since 1970]; None without TLS. Raises CaesuraError."""
+    """Return the time [s since 1970] at which the router's certificate expires; None without TLS.
+
+    Raises CaesuraError.
+    """
     config = _config(endpoint, config_file)
     return listener_certificate_end(_endpoints(config)[0], _reader(config))
 
@@ -285,13 +289,13 @@ def _config(endpoint: str | None, config_file: Path | None) -> zenoh.Config:
 
 
 def _endpoints(config: zenoh.Config) -> list[str]:
-    """Return the endpoints that a configuration names for a client."""
+    """Return the endpoints of a client's configuration."""
     named = _reader(config)("connect/endpoints") or []
     return list(named.get("client") or []) if isinstance(named, dict) else list(named)
 
 
 def _reader(config: zenoh.Config) -> Callable[[str], Any]:
-    """Looks up a path of the configuration; None where there is nothing."""
+    """Return a function that looks up a path of the configuration; it returns None for a missing one."""
 
     def read(path: str) -> Any:
         try:
@@ -329,7 +333,7 @@ def _undeclared(undeclare: Callable[[], object]) -> Iterator[None]:
 
 
 def reason(error: Exception) -> str:
-    """Return zenoh's error text on one line, without the place in its own sources.
+    """Return zenoh's error text on one line, without the place in zenoh's sources.
 
     >>> reason(ValueError('Json5Err(Message { msg: "no such thing" }) at /root/.cargo/zenoh/src/lib.rs:7.'))
     'no such thing'

@@ -1,6 +1,6 @@
 """Checks of a program that need no robot: numbers, order, timing, workspace, mounting, and fidelity.
 
-`caesura check` adds reach, in the lab, because that needs the kinematics of a robot.
+`caesura check` adds the check of reach from the lab, because it needs the kinematics of a robot.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ __all__ = [
 
 
 def document_findings(program: ProgramFile) -> list[Finding]:
-    """Find everything in a program that needs no robot, errors first."""
+    """Return all findings on a program that need no robot, errors first."""
     quality = DemonstrationQuality(program.gaps, program.wrench, program.timing, program.notes)
     found = mounting_findings(program.up)
     try:

@@ -1,10 +1,11 @@
-"""Comparison of a program with its demonstration: what was taught and is not reproduced.
+"""Compares a program with its demonstration, and reports the taught motion and forces that it does not
+reproduce.
 
-Findings are warnings, with one exception: fingers that close where the object is not. No warning is for less
-than the rounding of the numbers that it shows (`reads_above`).
+Findings are warnings, with one exception: fingers that close away from the object. There is no warning below
+the rounding of the displayed numbers (`reads_above`).
 
-Parts of a demonstration that are in no app are found where an app begins: its path states where the
-demonstration was then, and the app before it where the robot is.
+Parts of a demonstration that are in no app are found at the start of an app: its path states the pose of the
+demonstration at that time, and the app before it the pose of the robot.
 """
 
 from __future__ import annotations
@@ -38,9 +39,9 @@ STEPPED_M, STEPPED_RAD = 0.01, math.radians(3.0)  # a hand at rest drifts by les
 
 @dataclass(frozen=True)
 class DemonstrationQuality:
-    """Gaps of a demonstration, and what its wrench source can show.
+    """Gaps of a demonstration, and the capabilities of its wrench source.
 
-    timing: how the apps were re-timed since; notes: of the program, what its reader must know.
+    timing: how the apps were re-timed since; notes: the program's notes for its reader.
     """
 
     gaps: Sequence[Gap] = ()
@@ -52,7 +53,7 @@ class DemonstrationQuality:
 def fidelity_findings(
     apps: Sequence[App], quality: DemonstrationQuality | None, safety: Safety
 ) -> list[Finding]:
-    """Find what of the demonstration the program leaves out; without `quality`, by what the apps state."""
+    """Return what the program omits of the demonstration; without `quality`, according to the apps."""
     found: list[Finding] = []
     if quality is not None:
         found += _wrench_findings(quality)
@@ -105,7 +106,7 @@ def _path_deviation(app: App) -> Iterator[Reason]:
 
 
 def _winding_press(app: App) -> Iterator[Reason]:
-    """Find that a press without a path did not lead straight to its target."""
+    """Yield a finding if a press without a path did not lead straight to its target."""
     off = app.off_straight_m
     if off is not None and reads_above(1000 * off, 1000 * SWAYED_M, 1):
         yield (
@@ -117,7 +118,7 @@ def _winding_press(app: App) -> Iterator[Reason]:
 
 
 def _pause_before(before: App, app: App, safety: Safety) -> Iterator[Reason]:
-    """Find a pause between two apps that the robot does not keep."""
+    """Yield a finding on a taught pause between two apps that the robot does not keep."""
     pause = app.t0 - before.tn
     if reads_above(pause, safety.pause_s, 1):
         yield (
@@ -128,7 +129,7 @@ def _pause_before(before: App, app: App, safety: Safety) -> Iterator[Reason]:
 
 
 def _motion_before(pose: ViaPoint | None, app: App) -> Iterator[Reason]:
-    """Find motion between two apps that no app reproduces."""
+    """Yield a finding on motion between two apps that no app reproduces."""
     if pose is None or app.path is None:
         return
     start = app.path.start
@@ -147,17 +148,20 @@ def _motion_before(pose: ViaPoint | None, app: App) -> Iterator[Reason]:
 
 
 def _follows(app: App) -> bool:
-    """Whether an app follows the one before it as when they were taught; so it does without an edit."""
+    """Return whether an app directly follows the same app as when it was taught; True without an edit."""
     return app.follows if isinstance(app, ProgramStep) else True
 
 
 def _is_redirected(app: App) -> bool:
-    """Whether an edit gave an app another target than it was taught with."""
+    """Return whether an edit gave an app another target than the taught one."""
     return any(mark.field == "target" for mark in app.changes)
 
 
 def _off_object(pose: ViaPoint | None, app: App) -> Reason | None:
-    """Find that the fingers close where nothing was grasped: a grasp stays where the app before it ends."""
+    """Return a finding if the fingers close away from the grasped object.
+
+    A grasp takes place where the app before it ends.
+    """
     if pose is None or app.kind != "grasp" or app.target is None:
         return None
     off = math.dist(app.target, pose.position)
@@ -171,7 +175,9 @@ def _off_object(pose: ViaPoint | None, app: App) -> Reason | None:
 
 
 def _seam(pose: ViaPoint | None, app: App, why: str) -> Iterator[Reason]:
-    """Find that an app does not begin where the app before it ends. why: they were not taught in a row."""
+    """Yield a finding if an app does not begin where the app before it ends. why: they were not taught in
+    a row.
+    """
     start = _start_of(app)
     if pose is None or start is None or _off_object(pose, app):
         return
@@ -239,7 +245,7 @@ def _force_limits(app: App) -> Iterator[Reason]:
 
 
 def _lost_rests(app: App) -> Iterator[Reason]:
-    """Find a rest that was pressed harder or softer than its stroke, and has no time in the app."""
+    """Yield a finding on a rest with another force than its stroke, for which the app has no time."""
     if app.force is None:
         return
     newtons = float(np.linalg.norm(app.force))
@@ -282,7 +288,7 @@ def _wrench_findings(quality: DemonstrationQuality) -> Iterator[Finding]:
 
 
 def _notes(quality: DemonstrationQuality) -> Iterator[Finding]:
-    """Repeat the notes of the program; that on its wrench is found already."""
+    """Yield the notes of the program as findings, except the one on its wrench, which is found already."""
     on_wrench = "" if quality.wrench is None else quality.wrench.note
     for note in quality.notes:
         if note not in on_wrench:
@@ -302,10 +308,10 @@ def _missing_paths(apps: Sequence[App]) -> Iterator[Finding]:
 
 
 def _pose_after(app: App, pose: ViaPoint | None) -> ViaPoint | None:
-    """Return the pose after an app, and when it was taught.
+    """Return the pose after an app, with the taught time of reaching it.
 
-    A path reaches its target before its app ends, where a rest follows. When a press without a path reached
-    it is not stated: it was pressed there last, so the earliest time is that of its beginning.
+    A path reaches its target before its app ends if a rest follows. The time at which a press without a path
+    reached its target is unknown; the earliest is that of its start.
     """
     if app.target is None:
         return pose

@@ -16,7 +16,7 @@ Severity = Literal["error", "warning"]
 class Finding:
     """Finding on one app; index and kind are None if it concerns the whole program.
 
-    value, limit: as they stand in the reason, where there are any.
+    value, limit: the numbers in the reason, if any.
     """
 
     severity: Severity
@@ -32,7 +32,7 @@ class Finding:
 
 
 def in_mm(place: Vector) -> str:
-    """A place [m] in millimetres."""
+    """Return a position [m] as text in millimetres."""
     return f"({', '.join(fixed(1000 * x, 0) for x in place)}) mm"
 
 
@@ -54,7 +54,7 @@ class CheckReport:
 
     @property
     def passed(self) -> bool:
-        """Whether it may be run."""
+        """Whether the program may be run."""
         return not self.errors
 
 

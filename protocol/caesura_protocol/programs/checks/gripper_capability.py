@@ -1,4 +1,4 @@
-"""Whether the gripper can do what a program asks of it: forces, speeds, and widths that it does not have."""
+"""Checks that the gripper has the forces, speeds and widths that a program needs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ASSUMED = {
 
 
 def gripper_findings(apps: Sequence[App], safety: Safety, gripper: GripperDescription) -> list[Finding]:
-    """Find what a gripper cannot do. Widths of fingers are a matter of `value_findings`."""
+    """Return the actions that a gripper cannot perform. `value_findings` checks the widths of fingers."""
     return [
         *_settings(safety, gripper),
         *_unseen_losses(apps, gripper),
@@ -28,7 +28,7 @@ def gripper_findings(apps: Sequence[App], safety: Safety, gripper: GripperDescri
 def _settings(safety: Safety, gripper: GripperDescription) -> Iterator[Finding]:
     """Yield a finding for a force or speed out of the gripper's range.
 
-    A force above it is an error. One below, and any speed, the gripper changes by itself: a warning.
+    A force above the range is an error. A force below it, and any speed, is a warning: the gripper limits it.
     """
     force, speed = gripper.clamped(safety.grasp_force_n, safety.gripper_m_per_s)
     for name, asked, given, unit in (
@@ -43,7 +43,9 @@ def _settings(safety: Safety, gripper: GripperDescription) -> Iterator[Finding]:
 
 
 def _unseen_losses(apps: Sequence[App], gripper: GripperDescription) -> Iterator[Finding]:
-    """Yield a warning at each grasp if the gripper reports no loss: the script goes on without the object."""
+    """Yield a warning at each grasp if the gripper reports no loss: the script then continues without the
+    object.
+    """
     if gripper.event != "none":
         return
     for index, app in enumerate(apps):

@@ -1,7 +1,7 @@
-"""Whether a program runs on a base that is mounted as the one on which it was taught.
+"""Checks that a program runs on a base with the mounting of the one on which it was taught.
 
-Poses and forces are in the base frame, and gravity is not: on another mounting a load weighs in another
-direction, and what a program touches lies elsewhere.
+Poses and forces are in the base frame, and gravity is not. With another mounting the weight of a load has
+another direction, and the touched objects are elsewhere.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from caesura_protocol.upright import APART_RAD, UP, tilt_between, up_in_words
 
 
 def mounting_findings(taught: Vector | None, runs: Vector | None = None) -> list[Finding]:
-    """Find where a base is mounted otherwise than the one that was taught.
+    """Return a finding if the mounting differs from the taught one.
 
     taught, runs: away from gravity, in the base frame, as the program states it and of the base that runs it;
     None: not stated. A program that states none was taught with z upwards.

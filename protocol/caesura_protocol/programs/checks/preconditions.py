@@ -1,7 +1,7 @@
 """Preconditions of apps: a contact before a press, something in the fingers before a carry.
 
-At a contact a tool is not turned to where the next path begins: its tip would be driven into the surface.
-Nor is it pulled away: a press pushes along the tool.
+In contact a tool must not be turned to the start of the next path, because its tip would be driven into the
+surface. Nor may a press pull the tool away: it pushes along the tool.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def order_findings(apps: Sequence[App]) -> list[Finding]:
 
 
 def _pulls(app: App, orientation: Quaternion | None) -> bool:
-    """Whether the force of a press points away from the tool, where the orientation is known."""
+    """Return whether the force of a press points away from the tool, if the orientation is known."""
     if app.force is None or orientation is None or not any(orientation):
         return False
     x, y, z, w = orientation
@@ -91,7 +91,7 @@ def _turned_at_contact(index: int, app: App, turned: float) -> Finding:
 
 
 def _begins_in_contact(app: App) -> str:
-    """Return text on why no app leads to the place that the first press touches, and on what to do."""
+    """Return text on the missing app that leads to the contact of the first press, with a remedy."""
     begins = app.target if app.path is None else app.path.start.position
     there = "" if begins is None else f" with target {in_mm(begins)}"
     return (

@@ -11,9 +11,9 @@ from caesura_protocol.programs.program_timing import ProgramTiming
 
 
 def timing_findings(timing: ProgramTiming | None) -> Iterator[Finding]:
-    """Yield a warning on what was re-timed, or an error for a factor out of its range.
+    """Yield a warning on re-timed apps, or an error for a factor out of its range.
 
-    None: the times are as taught, and nothing is found.
+    None: the times are as taught, without a finding.
     """
     if timing is None:
         return

@@ -1,4 +1,4 @@
-"""Each app for itself: numbers that are numbers, and within the limits that need no geometry."""
+"""Checks each app separately: numbers that are finite, and within the limits that need no geometry."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def _non_finite(index: int, app: App) -> Iterator[Finding]:
 
 
 def _ends(widths: Sequence[int]) -> tuple[int, ...]:
-    """Return the least and the largest of some counts, once where they are the same."""
+    """Return the least and the largest of some counts, or one number if they are equal."""
     return tuple(dict.fromkeys((widths[0], widths[-1])))
 
 
@@ -119,7 +119,7 @@ def _out_of_range(index: int, app: App, safety: Safety) -> Iterator[Finding]:
 
 
 class _Range(NamedTuple):
-    """A number that must lie between two others."""
+    """A number with the limits between which it must lie."""
 
     name: str
     value: float

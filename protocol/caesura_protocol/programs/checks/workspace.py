@@ -1,4 +1,4 @@
-"""Check that every target is inside of the workspace that the limits of the cell state."""
+"""Checks that every target is inside the workspace stated by the cell's limits."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ NEARLY_ALL, OF_AT_LEAST = 0.8, 2  # share of the targets outside, and targets, o
 
 
 def workspace_findings(apps: Sequence[App], safety: Safety) -> list[Finding]:
-    """Find targets of the flange that are outside of the workspace, or at its edge.
+    """Return the targets of the flange that are outside of the workspace, or at its edge.
 
-    One finding for each app; one for the program where nearly all of its targets are outside.
+    There is one finding per app, or one for the program if nearly all of its targets are outside.
     """
     placed = [(index, app, app.target) for index, app in enumerate(apps) if app.target is not None]
     outside = [(index, app, reason) for index, app, at in placed if (reason := outside_reason(at, safety))]
@@ -49,7 +49,7 @@ def _sides(safety: Safety) -> Iterator[tuple[float, float]]:
 
 
 def _in_another_frame(count: int, placed: int, first: int, target: Vector | None, safety: Safety) -> Finding:
-    """The finding for targets of which nearly all are outside; target: of app `first`."""
+    """Return the finding if nearly all targets are outside; target: of app `first`."""
     assert target is not None, "it is outside"
     box = ", ".join(
         f"{axis} {least:g} to {most:g} m" for axis, (least, most) in zip("xyz", _sides(safety), strict=True)

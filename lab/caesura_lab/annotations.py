@@ -1,7 +1,8 @@
 """Ground truth from annotations: by eye for real recordings, from the state for simulated ones.
 
-A recording `x.npz` has its truth beside it in `x.ann.json`. Points of level `major` must be found; `optional`
-ones count neither as a miss nor as a false alarm. Spans stand only where the class is clear.
+The truth of a recording `x.npz` is in `x.ann.json` in the same folder. Points of level `major` must be found;
+`optional` ones count neither as a miss nor as a false alarm. Segments are annotated only where the class is
+clear.
 """
 
 from __future__ import annotations
@@ -34,14 +35,14 @@ ROUNDING_S = 0.001  # of times
 
 
 class TruthError(CaesuraError, ValueError):
-    """There is no truth to judge by; the message names the file, the value and what was expected."""
+    """There is no usable truth; the message states the file, the value and the expected content."""
 
 
 @dataclass(frozen=True)
 class TrueChangepoint:
-    """A boundary at t [s], known to within tolerance_s; kind says what happens (start, contact_on, …).
+    """A boundary at t [s], known to within tolerance_s; kind: the event (start, contact_on, …).
 
-    t_alt: a second accepted time [s], the other end of an edge that takes long; None where there is one time.
+    t_alt: a second accepted time [s], the other end of a slow event; None if there is one time.
     """
 
     t: float
@@ -56,13 +57,13 @@ class TrueChangepoint:
         return (self.t,) if self.t_alt is None else (self.t, self.t_alt)
 
     def nearest_s(self, t: float) -> float:
-        """Return the accepted time [s] that lies nearest to t [s]."""
+        """Return the accepted time [s] that is nearest to t [s]."""
         return min(self.accepted_s, key=lambda accepted: abs(accepted - t))
 
 
 @dataclass(frozen=True)
 class TrueSegment:
-    """A stretch from t0 to t1 [s]; kind is one of `KINDS`, or the name of a phase."""
+    """A segment from t0 to t1 [s]; kind is one of `KINDS`, or the name of a phase."""
 
     t0: float
     t1: float
@@ -102,10 +103,10 @@ class RecordingSource:
 class Truth:
     """The truth of one recording. Nothing outside of the window [s] is judged.
 
-    phases: runs of segments that make one skill, in order and apart, each with the skill's name. robot:
-    groups recordings in the results, "" where unstated. wrench_source, hand_on_robot: what the annotator
-    declares, None where unstated. source: the recording, None for an annotation that names none.
-    screws: strokes that drive one.
+    phases: runs of segments that form one skill, in order and without overlap, each with the skill's name.
+    robot: groups recordings in the results, "" if unstated. wrench_source, hand_on_robot: the annotator's
+    declarations, None if unstated. source: the recording, None for an annotation that names none. screws:
+    strokes that drive a screw.
     """
 
     name: str
@@ -123,7 +124,7 @@ class Truth:
     screws: tuple[ScrewStroke, ...] = ()
 
     def within(self, low: float, high: float) -> Truth:
-        """Return the truth between two times [s]; stretches across one of them end there."""
+        """Return the truth between two times [s]; segments across one of them are cut there."""
         return self._changed(
             (max(low, self.window[0]), min(high, self.window[1])),
             tuple(point for point in self.points if low <= point.t <= high),
@@ -131,7 +132,7 @@ class Truth:
         )
 
     def at_times(self, time_of: Callable[[float], float]) -> Truth:
-        """The same truth with each time [s] replaced by another, in the same order."""
+        """Return the same truth with each time [s] mapped to another, in the same order."""
         points = (
             replace(one, t=time_of(one.t), t_alt=None if one.t_alt is None else time_of(one.t_alt))
             for one in self.points
@@ -147,7 +148,7 @@ class Truth:
         points: tuple[TrueChangepoint, ...],
         ends_of: Callable[[float, float], tuple[float, float] | None],
     ) -> Truth:
-        """The truth with another window, other points, and other ends of stretches; None leaves one out."""
+        """Return the truth with another window, other points, and other segment ends; None leaves one out."""
 
         def stretches(given: Sequence[Stretch]) -> tuple[Stretch, ...]:
             ends = ((one, ends_of(one.t0, one.t1)) for one in given)
@@ -167,13 +168,13 @@ class Truth:
 
 @dataclass(frozen=True)
 class ToleranceOptions:
-    """The additional tolerance of true points: slack_s [s] is added to each, and least_s [s] is the least."""
+    """The additional tolerance of true points: slack_s [s] is added to each; least_s [s] is the minimum."""
 
     slack_s: float = 0.0
     least_s: float = 0.0
 
     def apply_to(self, truth: Truth) -> Truth:
-        """The truth with every point's tolerance widened."""
+        """Return the truth with every point's tolerance widened."""
         points = (
             replace(point, tolerance_s=max(point.tolerance_s + self.slack_s, self.least_s))
             for point in truth.points
@@ -187,7 +188,7 @@ def truth_file(recording: Path) -> Path:
 
 
 def read_truth(recording: Path) -> Truth:
-    """Read the truth beside a recording. Raises TruthError where there is none, or none that can be read."""
+    """Read the truth of a recording. Raises TruthError if there is none, or it cannot be read."""
     path = truth_file(recording)
     if not recording.exists():
         raise TruthError(f"{recording}: no such file")
@@ -206,7 +207,7 @@ def read_annotation(path: Path) -> Truth:
 
 
 def truth_of(content: Mapping[str, Any], name: str) -> Truth:
-    """The truth in an annotation's content. Raises TruthError naming the value that is off."""
+    """Return the truth in an annotation's content. Raises TruthError, which states the invalid value."""
     try:
         if not isinstance(content, Mapping):
             raise ValueError(f"is a {type(content).__name__}, expected an object")
@@ -237,7 +238,9 @@ def truth_of(content: Mapping[str, Any], name: str) -> Truth:
 
 
 def _each(content: Mapping[str, Any], what: str, read: Callable[[Mapping[str, Any]], T]) -> tuple[T, ...]:
-    """All of a list, each read. Raises ValueError that says which one is off, KeyError."""
+    """Return all items of a list, converted by `read`. Raises ValueError, which states the invalid one,
+    KeyError.
+    """
     entries = content[what]
     if not isinstance(entries, list | tuple):
         raise ValueError(f"{what} is {entries!r}, expected a list")
@@ -255,7 +258,7 @@ def _each(content: Mapping[str, Any], what: str, read: Callable[[Mapping[str, An
 
 
 def _flag(content: Mapping[str, Any], name: str) -> bool | None:
-    """True or false; None where it is not stated."""
+    """Return True or False; None if it is not stated."""
     value = content.get(name)
     if value is not None and not isinstance(value, bool):
         raise ValueError(f"{name} is {value!r}, expected true or false")
@@ -284,7 +287,7 @@ def _choice(entry: Mapping[str, Any], name: str, known: Sequence[str]) -> str | 
 
 
 def _source(entry: Any) -> RecordingSource | None:
-    """Read which recording an annotation names. Raises ValueError, KeyError."""
+    """Return the recording that an annotation names. Raises ValueError, KeyError."""
     if entry is None:
         return None
     if not isinstance(entry, Mapping):
@@ -324,7 +327,7 @@ def _point(mark: Mapping[str, Any], window: tuple[float, float]) -> TrueChangepo
 
 
 def _number_within(mark: Mapping[str, Any], name: str, window: tuple[float, float]) -> float:
-    """A time [s] of the window; its ends are rounded to milliseconds."""
+    """Return a time [s] in the window, whose ends are rounded to milliseconds."""
     t, (first, last) = _number(mark, name), window
     if not first - ROUNDING_S <= t <= last + ROUNDING_S:
         limits = interval(first, last, 3, " to ")

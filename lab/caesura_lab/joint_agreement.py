@@ -1,7 +1,7 @@
-"""The check that a recording's positions lie where the joints of its arm have the flange.
+"""Checks that a recording's positions agree with the flange positions of its joints.
 
-Controllers report the pose of a tool centre point, ROS one in another base frame. Both look like a flange's,
-and the targets of the program are off by as much. The joints show it.
+A controller may report the pose of a tool centre point, ROS a pose in another base frame. Either would shift
+the targets of the program unnoticed. The joints reveal it.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ HALF_TURN = np.array([-1.0, -1.0, 1.0])  # about z: base_link of ROS against the
 
 
 def compared(recording: Recording) -> Array:
-    """Numbers of the samples that are compared with the joints, spread over the recording."""
+    """Return the numbers of the samples that are compared with the joints, spread over the recording."""
     return np.linspace(0, recording.t.size - 1, min(COMPARED, recording.t.size)).astype(int)
 
 
 def contradiction_of_joints(recording: Recording, assumed_arm: str) -> str | None:
-    """Return how positions and joints contradict each other, with the remedy; None where they do not.
+    """Return text on the contradiction between positions and joints, with the remedy; None without one.
 
-    Also None without positions or joints, or where the arm has another number of joints.
-    assumed_arm: the arm of the joints where the recording states none.
+    Also None without positions or joints, or where the arm has another number of joints. assumed_arm: the arm
+    of the joints where the recording states none.
     """
     signals, stated = recording.signals, recording.setting.robot
     if not {"pos", "q"} <= set(signals):

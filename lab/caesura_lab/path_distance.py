@@ -1,4 +1,4 @@
-"""The distance between two paths, whatever the times at which each passes its places."""
+"""The distance between two paths, independent of the time at which each position is passed."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ Array = NDArray[np.float64]
 def furthest(
     pairs: Iterable[tuple[Array, Array]], tolerance_m: float, tolerance_rad: float
 ) -> tuple[float, float]:
-    """The largest distance [m] and angle [rad] from poses (n, 3 or 7) to the nearest ones of a line (m, …).
+    """Return the largest distance [m] and angle [rad] from poses (n, 3 or 7) to the nearest ones of a line
+    (m, …).
 
-    pairs: of poses and line. The nearest is that of the two divided by their tolerances. The angle is 0
-    without quaternions.
+    pairs: of poses and line. The nearest pose has the least distance and angle, each divided by its
+    tolerance. The angle is 0 without quaternions.
     """
     off_m, off_rad = zip(*(_off(*pair, tolerance_m, tolerance_rad) for pair in pairs), strict=True)
     return max(off_m), max(off_rad)

@@ -1,8 +1,8 @@
-"""Warnings about a recording that segment table and report show: what is assumed, and what looks wrong.
+"""Warnings about a recording for the segment table and the report: assumptions, and suspect values.
 
-Quaternions alone do not show the order of their columns: both orders turn by the same angles. The joints of
-a known arm do. Forces alone do not show their sign: a reversed press is a pull. A load that pulls upwards
-while it is lifted does. `joint_agreement` compares positions with the joints.
+Quaternions alone do not show the order of their columns, because both orders have the same angles of
+rotation; the joints of a known arm do. Forces alone do not show their sign, because a reversed press is a
+pull; a load that pulls upwards while it is lifted does. `joint_agreement` compares positions with the joints.
 """
 
 from __future__ import annotations
@@ -69,9 +69,9 @@ def without_confirmed(recording: Recording) -> Recording:
 
 
 def order_of_quaternions(recording: Recording) -> str | None:
-    """The order that the joints fit, where they do not fit the others: `xyzw`, or one of `WRONG_ORDERS`.
+    """Return the order of columns that alone agrees with the joints: `xyzw`, or one of `WRONG_ORDERS`.
 
-    Else None.
+    None if no order or several agree.
     """
     signals, name = recording.signals, recording.setting.robot or ASSUMED_ARM
     if not {"quat", "q"} <= set(signals):
@@ -126,7 +126,7 @@ def _of_models(recording: Recording, preset: Preset | None) -> Iterator[str]:
 
 
 def upward_force_of_load(recording: Recording) -> float:
-    """Median zeroed force upwards [N], base frame, while the gripper lifts what it holds; else 0."""
+    """Return the median zeroed upward force [N], base frame, while the gripper lifts an object; else 0."""
     signals = recording.signals
     if not {"pos", "force", "gripper"} <= set(signals):
         return 0.0
@@ -151,7 +151,7 @@ def upward_force_of_load(recording: Recording) -> float:
 
 
 def _holds(gripper: Array) -> NDArray[np.bool_]:
-    """Whether the fingers are between open and closed, or their flag is set."""
+    """Return whether the fingers are between open and closed, or their flag is set."""
     if set(np.unique(gripper)) <= {0.0, 1.0}:
         return np.equal(gripper, 1.0)
     opened = float(gripper.max()) - GripperParameters.travel_m

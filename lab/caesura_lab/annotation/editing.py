@@ -1,7 +1,7 @@
 """Edits of an annotation: pure functions from a document and a time to a new document.
 
-A document is the content of an `.ann.json` file. Keys that no edit concerns are kept as they are: a file that
-a later version wrote loses nothing. Documents are never changed in place: `AnnotationEditor` holds the
+A document is the content of an `.ann.json` file. Keys that no edit concerns are kept unchanged, so that a
+file of a later version loses nothing. Documents are never changed in place: `AnnotationEditor` holds the
 earlier ones.
 """
 
@@ -28,12 +28,12 @@ UNDO_STEPS = 1000
 
 
 def milliseconds(t: float) -> float:
-    """Round a time [s] as annotations keep it."""
+    """Round a time [s] to the precision of annotations."""
     return round(t, 3)
 
 
 class EditError(CaesuraError, ValueError):
-    """An edit does not apply at this time; the message says why."""
+    """An edit does not apply at this time; the message states why."""
 
 
 def insert_point(document: Document, t: float, *, kind: str | None, level: str = "major") -> Document:
@@ -78,9 +78,9 @@ def set_second_time(document: Document, t: float) -> Document:
 
 
 def set_class(document: Document, t: float, *, kind: str | None) -> Document:
-    """Give the segment at t [s] a class; None takes it away.
+    """Set the class of the segment at t [s]; None removes it.
 
-    Where no segment is yet, a new one reaches to the next major changepoints, segments or ends of the window.
+    Without a segment there, a new one reaches to the next major changepoints, segments or ends of the window.
     """
     segments = list(document["segments"])
     at = segment_at(document, t)
@@ -99,7 +99,7 @@ def set_class(document: Document, t: float, *, kind: str | None) -> Document:
 def segment_at(document: Document, t: float) -> int | None:
     """Return the index of the segment at t [s]; None where there is none.
 
-    Where two meet it is the one that begins. At the end of the window it is the one that ends there.
+    Where two segments meet it is the later one, at the end of the window the last one.
     """
     last = document["window"][1]
     spans = ((segment["t0"], segment["t1"]) for segment in document["segments"])
@@ -160,7 +160,7 @@ EDITS: Mapping[str, Edit] = {
 
 
 class AnnotationEditor:
-    """An annotation while it is made: the document, the ones before it, and whether it is saved."""
+    """An annotation during editing: the document, the earlier ones, and whether it is saved."""
 
     def __init__(self, document: Document) -> None:
         self._documents: deque[Document] = deque([document], maxlen=UNDO_STEPS)
@@ -168,7 +168,7 @@ class AnnotationEditor:
 
     @property
     def document(self) -> Document:
-        """The annotation as it stands."""
+        """The current annotation."""
         return self._documents[-1]
 
     @property
@@ -189,5 +189,5 @@ class AnnotationEditor:
         self._documents.pop()
 
     def mark_saved(self) -> None:
-        """Remember that the annotation is on disk."""
+        """Record that the annotation is on disk."""
         self._saved = self.document

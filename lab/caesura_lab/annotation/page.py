@@ -1,6 +1,6 @@
 """The page of `caesura annotate`: signals with the marks on them, driven by the keyboard.
 
-The browser holds the cursor and the part of time that is shown. `AnnotationEditor` makes every edit here,
+The browser stores the cursor and the shown time range. `AnnotationEditor` applies every edit on the server,
 and the whole annotation is sent back: the page shows what would be saved.
 """
 
@@ -37,9 +37,9 @@ MODULES = {"caesura-dashboard": str(WEB), "caesura-annotate": str(Path(__file__)
 
 
 class AnnotationSession(NamedTuple):
-    """Annotation that the page edits.
+    """The annotation that the page edits.
 
-    name: of the recording; path: of the annotation; clock: from when on the page shows times.
+    name: of the recording; path: of the annotation; clock: converts times for display.
     """
 
     name: str
@@ -49,7 +49,7 @@ class AnnotationSession(NamedTuple):
     clock: SessionClock = NO_OFFSET
 
     def run_command(self, command: str, t: float) -> str:
-        """Carry out a command at a time of the page [s] and return a message. Raises CaesuraError."""
+        """Execute a command at a time of the page [s] and return a message. Raises CaesuraError."""
         if command == "save":
             save_annotation(self.editor.document, self.path)
             self.editor.mark_saved()
@@ -68,7 +68,7 @@ class AnnotationSession(NamedTuple):
         return f"{command} at {self.clock.shown(t, 3)} s"
 
     def state(self, message: str = "", *, failed: bool = False) -> dict[str, Any]:
-        """Return what the browser shows of the annotation."""
+        """Return the payload of the annotation for the browser."""
         document = self.editor.document
         return {
             "window": [self._shown(t) for t in document["window"]],
@@ -87,7 +87,7 @@ class AnnotationSession(NamedTuple):
         return {name: self._shown(value) if name in TIMES else value for name, value in entry.items()}
 
     def _extent(self, index: int) -> str:
-        """State which part a segment is, and which changepoints lie within it."""
+        """Return text on the extent of a segment, and on the changepoints in it."""
         document = self.editor.document
         segment = document["segments"][index]
         within = [
@@ -103,7 +103,9 @@ class AnnotationSession(NamedTuple):
 
 
 class AnnotationView(Element, component="web/annotate.js", esm=MODULES):
-    """Signals, marks and keys. Emits `command` with a name and a time, and the next one after the answer."""
+    """Signals, marks and keys. Emits `command` with a name and a time, each after the reply to the last
+    one.
+    """
 
     def __init__(self, annotation_session: AnnotationSession) -> None:
         super().__init__()

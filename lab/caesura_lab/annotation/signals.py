@@ -1,6 +1,6 @@
 """The signals that the page draws of a recording: speed, position and force on one grid of time.
 
-Nothing here comes from the service's conditioning or its models: an annotation is blind to them.
+They do not depend on the service's conditioning or its models: an annotation is blind to them.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class PlottedSignals(NamedTuple):
 
     @property
     def coarse(self) -> str | None:
-        """A note on the time between two points, where a recording is too long for PLOT_HZ; else None."""
+        """A note on the time between two points if a recording is too long for PLOT_HZ; else None."""
         if self.t.size < MAX_ROWS:
             return None
         span = float(self.t[-1] - self.t[0])
@@ -46,7 +46,7 @@ class PlottedSignals(NamedTuple):
         )
 
     def as_payload(self, start_s: float = 0.0) -> dict[str, Any]:
-        """Return the signals as the browser takes them: lists, one a line; times count from start_s [s]."""
+        """Return the signals for the browser: lists, one per line; times relative to start_s [s]."""
         return {
             "t": np.round(self.t - start_s, 4).tolist(),
             "speed": np.round(self.speed, 3).tolist(),
@@ -85,7 +85,7 @@ def _grid(t: Array) -> Array:
 
 
 def _position(recording: Recording, order: NDArray[np.intp]) -> tuple[Array, str]:
-    """Return the flange's position [mm], or the joints' [rad] where there is none."""
+    """Return the flange's position [mm], or the joints [rad] without one."""
     if "pos" in recording.signals:
         return 1e3 * METRES[recording.length_unit] * recording.signals["pos"][order], "mm"
     return recording.signals["q"][order], "rad"

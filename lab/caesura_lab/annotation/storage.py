@@ -1,4 +1,4 @@
-"""Annotations on disk: opened or begun, checked by the judge's reader, and replaced atomically."""
+"""Annotations on disk: opened or created, validated by the judge's reader, and replaced atomically."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ _WINDOW = re.compile(r"(\"window\": \[)\s*([^\]]*?)\s*\]")
 
 
 def open_annotation(path: Path, recording: Recording, source: Path, annotator: str) -> Document:
-    """Read the annotation at path, or begin one.
+    """Read the annotation at path, or create one.
 
-    Raises TruthError where there is one that cannot be read, or that was made for another recording.
+    Raises TruthError if an existing one cannot be read, or was made for another recording.
     """
     if not path.exists():
         return new_annotation(recording, source, annotator)
@@ -87,10 +87,10 @@ def check_writable(path: Path) -> None:
 
 
 def save_annotation(document: Document, path: Path) -> None:
-    """Write an annotation in place of the one at path, in one step.
+    """Replace the annotation at path atomically.
 
-    Raises TruthError, before anything is written, where the judge could not read it.
-    Raises SourceError where the file cannot be written.
+    Raises TruthError, before anything is written, where the judge could not read it. Raises SourceError where
+    the file cannot be written.
     """
     truth_of(document, str(path))
     try:
@@ -100,7 +100,7 @@ def save_annotation(document: Document, path: Path) -> None:
 
 
 def save_draft(document: Document, path: Path) -> Path:
-    """Write an annotation that was not saved to a new file beside path, and return it.
+    """Write an unsaved annotation to a new file beside path, and return that path.
 
     Raises SourceError where it cannot be written.
     """
@@ -113,12 +113,12 @@ def save_draft(document: Document, path: Path) -> Path:
 
 
 def drafts(path: Path) -> Iterator[Path]:
-    """The files that drafts of the annotation at path are written to, without end."""
+    """Yield the paths of drafts of the annotation at path, without end."""
     return (path.with_name(f"{path.name}.unsaved{'' if n == 1 else f'-{n}'}") for n in count(1))
 
 
 def as_text(document: Document) -> str:
-    """Return a document as JSON, one line a changepoint or segment."""
+    """Return a document as JSON, with one line per changepoint or segment."""
     text = json.dumps(document, indent=1, ensure_ascii=False)
     text = _FLAT.sub(lambda found: "{" + " ".join(found[1].split()) + "}", text)
     return _WINDOW.sub(lambda found: found[1] + " ".join(found[2].split()) + "]", text) + "\n"

@@ -1,4 +1,4 @@
-"""`caesura annotate`. NiceGUI is imported when the command runs: the others start as fast without it."""
+"""`caesura annotate`. NiceGUI is imported when the command runs, so that other commands start fast."""
 
 from __future__ import annotations
 

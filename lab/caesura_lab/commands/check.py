@@ -195,12 +195,12 @@ def _run(program: ProgramFile, scenario: str | None, seed: int, out: Path | None
 
 
 def _clock_of(program: ProgramFile) -> SessionClock:
-    """Return the clock of the program's times for people, as in the table of `caesura program`."""
+    """Return the clock for displaying the program's times, as in the table of `caesura program`."""
     return clock_from(program.apps[0].t0) if program.apps else NO_OFFSET
 
 
 def _scenario(name: str, program: ProgramFile) -> Scenario:
-    """The scenario where the program's robot reaches it. Raises CaesuraError for an unknown name."""
+    """Return the scenario, moved to the reach of the program's robot. Raises CaesuraError if unknown."""
     if name not in SCENARIOS:
         raise CaesuraError(f"no scenario {name!r}, known: {', '.join(SCENARIOS)}")
     return moved(SCENARIOS[name], robot_description(program.robot or "panda").task_offset_m)

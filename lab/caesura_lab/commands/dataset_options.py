@@ -39,14 +39,14 @@ class DatasetOptions(NamedTuple):
     ] = False
 
     def success_of(self, names: Sequence[str]) -> dict[str, bool]:
-        """Whether each session reached its goal, where that is stated. Raises CaesuraError."""
+        """Return whether each session succeeded, if stated. Raises CaesuraError."""
         if unknown_names := sorted(set(self.failed) - set(names)):
             raise CaesuraError(f"--failed {unknown_names[0]}: exported are {', '.join(names)}")
         return {name: name not in self.failed for name in names if self.success or name in self.failed}
 
 
 def write_dataset(out: Path, taught: Sequence[SessionExport], asked: DatasetOptions) -> str:
-    """Write demonstrations as a dataset, and return what was written. Raises CaesuraError, OSError."""
+    """Write demonstrations as a dataset; return text on it. Raises CaesuraError, OSError."""
     episodes = import_module("caesura_lab.export.lerobot_dataset").write_sessions(
         out,
         taught,

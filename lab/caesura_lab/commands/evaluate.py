@@ -1,4 +1,4 @@
-"""`caesura evaluate`: how good a segmentation is, against the truth and beside other methods."""
+"""`caesura evaluate`: scores a segmentation against the truth, and compares it with other methods."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class ResultPage:
-    """Results, as they can be written."""
+    """Results that can be written in each format."""
 
     text: Callable[[], RenderableType]
     markdown: Callable[[], str]
@@ -68,7 +68,7 @@ class ResultPage:
 
 @dataclass(frozen=True)
 class SuiteVerdicts:
-    """Verdicts of named methods, and notes on recordings that were missing."""
+    """Verdicts of named methods, and notes on missing recordings."""
 
     title: str
     methods: list[str]
@@ -272,7 +272,7 @@ def _coaching_page(data: Path, seeds: range, workers: int) -> ResultPage:
 def _suite_page(
     suite: Any, run: Callable[[Any], object], cases: Sequence[Any], seeds: range, workers: int
 ) -> ResultPage:
-    """The page of a suite: a module with `summarise`, `title`, `as_text`, `as_markdown` and `as_json`."""
+    """Return the page of a suite: a module with `summarise`, `title`, `as_text`, `as_markdown`, `as_json`."""
     result = suite.summarise(_with_progress(each(run, cases, workers=workers), cases))
     title = suite.title(seeds)
     return ResultPage(
@@ -353,7 +353,7 @@ def _check_calibration(
 
 
 def _check_robot(robot: str | None, suite_name: str | None) -> None:
-    """Check that a robot, where one is named, is known and is simulated. Raises RobotError or TruthError."""
+    """Check that a named robot is known and can be simulated. Raises RobotError or TruthError."""
     if robot is None:
         return
     robot_description(robot)
@@ -363,7 +363,7 @@ def _check_robot(robot: str | None, suite_name: str | None) -> None:
 
 
 def _check_speed(speed: RunSpeed, suite_name: str | None, *, spoilt: bool) -> None:
-    """Check that programs run at a speed. Raises CaesuraError; spoilt: those that run are spoilt ones."""
+    """Check that programs run at a speed. Raises CaesuraError; spoilt: whether mutated programs are run."""
     if speed == "taught":
         return
     if suite_name != ROUNDTRIP or spoilt:
@@ -373,7 +373,7 @@ def _check_speed(speed: RunSpeed, suite_name: str | None, *, spoilt: bool) -> No
 
 
 def _check_reading(reading: ReadingOptions, suite_name: str | None) -> None:
-    """Check that options of files come with files. Raises TruthError."""
+    """Check that options of files are given with files. Raises TruthError."""
     given = [f"--{name.replace('_', '-')} {value}" for name, value in reading._asdict().items() if value]
     if given and suite_name is not None:
         raise TruthError(f"{given[0]} is for files, and --suite {suite_name} reads its own")
@@ -429,14 +429,14 @@ def _judged(
 
 
 def _with_progress(results: Iterator[R], of: Sized) -> Iterator[R]:
-    """Yield the results, with a bar that shows how many have come."""
+    """Yield the results, with a progress bar."""
     columns = (*Progress.get_default_columns(), MofNCompleteColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         yield from progress.track(results, total=len(of), description="judging")
 
 
 def _warn(verdicts: Sequence[Verdict]) -> None:
-    """Say once what is doubtful of each recording, as `caesura segment` does."""
+    """Print the warnings on each recording once, as `caesura segment` does."""
     scores = sorted((one for one in verdicts if isinstance(one, Score)), key=lambda one: one.recording)
     said = (f"warning: {one.recording}: {caution}" for one in scores for caution in one.cautions)
     for line in dict.fromkeys(said):

@@ -1,4 +1,6 @@
-"""`caesura export`: a recording in another format, as MCAP with its segments; several as a dataset."""
+"""`caesura export`: writes a recording in another format, as MCAP with its segments, or several as a
+dataset.
+"""
 
 from __future__ import annotations
 
@@ -84,7 +86,7 @@ def export_recording(
 
 
 def _check_one(out: Path, files: Sequence[Path], dataset: DatasetOptions) -> None:
-    """Raise CaesuraError for what no file of one recording takes."""
+    """Raise CaesuraError for options that do not apply to one recording."""
     if len(files) > 1:
         raise CaesuraError(f"{len(files)} recordings for one file: several are for --format lerobot")
     if dataset != DatasetOptions():
@@ -93,14 +95,14 @@ def _check_one(out: Path, files: Sequence[Path], dataset: DatasetOptions) -> Non
 
 
 def _check_names(files: Sequence[Path]) -> None:
-    """Raise CaesuraError for two recordings of one name: an episode goes by it."""
+    """Raise CaesuraError for two recordings with one name, because an episode is named by it."""
     if found := namesakes(files):
         one, other = found
         raise CaesuraError(f"{one} and {other} would both be the episode {one.stem}: rename one")
 
 
 def _write_one(out: Path, recording: Recording, preset: str) -> str:
-    """Write one recording, and return what was written."""
+    """Write one recording; return text on it."""
     if out.suffix == ".mcap":
         with import_extra("mcap", "writing .mcap"):
             written = import_module("caesura_lab.export.mcap_file")
@@ -111,7 +113,7 @@ def _write_one(out: Path, recording: Recording, preset: str) -> str:
 
 
 def _taught(recording: Recording, preset: str, name: str | None = None) -> SessionExport:
-    """A recording with its results, as a session that was taught. name: of the session."""
+    """Return a recording with its results, in the form of a session. name: of the session."""
     recording = without_confirmed(recording)
     view = segmented(recording, preset)
     opening = opening_of(recording, preset)

@@ -71,7 +71,7 @@ def _collected(recording: Recording, preset: str, truth: Truth | None) -> Report
 
 
 def _writers() -> ModuleType:
-    """Import the module that draws reports. Raises CaesuraError where its extra is not installed."""
+    """Import the module that draws reports. Raises CaesuraError if its extra is not installed."""
     try:
         return import_module("caesura_lab.report.writers")
     except ModuleNotFoundError as error:

@@ -86,7 +86,7 @@ class _Segmented(NamedTuple):
 
     @property
     def findings(self) -> dict[str, list[str]]:
-        """Warnings, and what of the file was not read, where there are any."""
+        """Warnings, and names in the file that were not read, if any."""
         found = {"warnings": list(self.warnings), "ignored": list(self.recording.ignored)}
         return {name: words for name, words in found.items() if words}
 
@@ -149,7 +149,7 @@ def segment(
 
 
 def _segment_each(job: _Job, files: Sequence[Path], json_out: Path | None) -> None:
-    """Segment several recordings, a line for each. Raises CaesuraError, typer.Exit where one is refused."""
+    """Segment several recordings, a line for each. Raises CaesuraError, typer.Exit if one is refused."""
     outputs = outputs_of(files, json_out)
     refused = 0
     for file in files:
@@ -173,7 +173,7 @@ def _segment_each(job: _Job, files: Sequence[Path], json_out: Path | None) -> No
 
 
 def _line(one: _Segmented) -> str:
-    """A recording and its results in a line."""
+    """Return a line on a recording and its results."""
     seconds = float(one.recording.t[-1] - one.recording.t[0])
     counts = [counted(len(one.view.segments), "segment"), counted(len(one.view.apps), "app")]
     counts += [counted(len(one.view.gaps), "gap")] if one.view.gaps else []
@@ -185,7 +185,7 @@ def _line(one: _Segmented) -> str:
 def _with_answers(
     reading: Reading, asked: ProgramOptions, answers: Answers[str, str]
 ) -> tuple[Reading, ProgramOptions]:
-    """The options with what was answered; an option that was typed goes before it."""
+    """Return the options completed by answers; a typed option takes precedence."""
     own = {
         key: value for key, value in answers.items() if key in Reading._fields and not getattr(reading, key)
     }
@@ -226,7 +226,7 @@ def segmented(recording: Recording, preset: str, threshold: float | None = None)
 
 
 def announce_compilation() -> None:
-    """Compile the filter where no compiled code is kept yet, and say so on stderr."""
+    """Compile the filter if no compiled code is cached, and print that on stderr."""
     if has_kernels() and not is_compiled():
         typer.echo("compiling the filter (once, about a minute)", err=True)
         from caesura_service.prepare import prepare  # noqa: PLC0415
@@ -257,7 +257,7 @@ def _shown(recording: Recording, preset: str, view: PipelineView, warnings: Sequ
 
 
 def _ignored(recording: Recording) -> str:
-    """Return the parts of a file that were not read, without its name; empty where all was read."""
+    """Return the parts of a file that were not read, without its name; empty if all was read."""
     return ignored_line(recording).replace(f"{recording.name}: ", "", 1)
 
 

@@ -1,4 +1,4 @@
-"""The results of `caesura segment` for other software: JSON in a file, in a directory, or on stdout."""
+"""Writes the results of `caesura segment` for other software: JSON to a file, a directory, or stdout."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ STDOUT = Path("-")
 
 
 def check_output(out: Path) -> None:
-    """Raise SourceError where nothing can be written there."""
+    """Raise SourceError if the output cannot be written."""
     if out != STDOUT and not out.resolve().parent.is_dir():
         raise SourceError(f"cannot write {out}: no such directory")
 
@@ -73,13 +73,13 @@ def write_line(
 def _result(
     file: Path, view: PipelineView, findings: Mapping[str, Any], method: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """The results, with what they depend on: the same recording, method and version give the same."""
+    """Return the results with the recording, method and version on which they depend."""
     origin = {"file": str(file), "sha256": _digest(file), **method, "version": installed_version()}
     return {"origin": origin, **as_json(view), **findings}
 
 
 def _digest(file: Path) -> str | None:
-    """The SHA-256 of a file; a directory has none."""
+    """Return the SHA-256 of a file; None for a directory."""
     if not file.is_file():
         return None
     with file.open("rb") as stream:

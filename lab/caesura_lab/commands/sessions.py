@@ -1,4 +1,4 @@
-"""`caesura sessions export` and `delete`: what needs the journal itself, on the machine where it is."""
+"""`caesura sessions export` and `delete`: commands that need the journal, on the service's machine."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def delete(
 
 
 def _delete(matches: PeerCopy, *, closed: bool) -> None:
-    """Raises CaesuraError where it is open, and a service may be at it."""
+    """Delete a session. Raises CaesuraError if it is open and a service may be using it."""
     try:
         with _open_journal(matches.path, alone=not closed) as journal:
             journal.delete(*matches.copy.key)
@@ -149,7 +149,9 @@ def _write_dataset(matches: list[Found], out: Path, asked: DatasetOptions) -> st
 
 
 def _format_of(out: Path, asked: Format | None, names: list[str], dataset: DatasetOptions) -> Format:
-    """Raises CaesuraError for no format, for one whose extra is missing, and for what it does not take."""
+    """Return the format. Raises CaesuraError for none, for a missing extra, and for options that do not
+    apply.
+    """
     chosen = asked or next((one for one in WRITERS if out.suffix == f".{one}"), None)
     if chosen is None:
         raise CaesuraError(
@@ -184,7 +186,7 @@ def _journal_paths(directory: Path | None, instance: str | None) -> list[Path]:
 
 @contextmanager
 def _open_journal(path: Path, *, alone: bool = False) -> Iterator[SqliteJournal]:
-    """A journal; what is wrong with it is an error for a user, but that another has what shall be `alone`."""
+    """Open a journal; its errors become errors for the user, except that another process has locked it."""
     try:
         with SqliteJournal(path, alone=alone) as journal:
             yield journal
@@ -195,9 +197,9 @@ def _open_journal(path: Path, *, alone: bool = False) -> Iterator[SqliteJournal]
 
 
 def _find_session(journals: list[Path], session: str, station: str | None) -> Found:
-    """The one session that is meant, and where it is, the copy that is furthest along first.
+    """Return the named session with its copies, the one with the most records first.
 
-    Raises NotFound, which names what there is, or CaesuraError.
+    Raises NotFound, which lists the existing sessions, or CaesuraError.
     """
     known = [PeerCopy(path, copy) for path in journals for copy in _copies(path, one_of=len(journals))]
     meant = [matches for matches in known if matches.copy.session == session]

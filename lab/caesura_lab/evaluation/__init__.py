@@ -1,1 +1,1 @@
-"""The judge: what a segmentation is worth against the truth, Caesura's and others' by the same rules."""
+"""The judge: scores segmentations against the truth, Caesura's and those of others by the same rules."""

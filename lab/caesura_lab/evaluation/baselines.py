@@ -1,8 +1,8 @@
 """Methods of other authors, on the same signals.
 
-Every parameter is the literature's or follows from a principle that stands beside it; none is fitted to our
-scenarios or recordings. Methods that only find boundaries get the same labels afterwards: the rule of the
-thresholds, applied to the mean speed and force of a segment, so that a class accuracy can be compared too.
+Every parameter is from the literature or follows from a stated principle; none is fitted to scenarios or
+recordings of this project. For methods that only find boundaries the classes are assigned afterwards, by the
+thresholds on the mean speed and force of a segment, so that class accuracies can be compared too.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ CONTACT_N, FREE_N = 3.0, 1.5
 
 @dataclass(frozen=True)
 class Baseline:
-    """A method that looks at conditioned signals and says where segments begin.
+    """A method that finds the starts of segments in conditioned signals.
 
     starts: signals → indices of the observations (k,) that begin a segment, the first (0) left out.
     """
@@ -39,7 +39,7 @@ class Baseline:
     starts: Callable[[Signals], NDArray[np.intp]]
 
     def segment(self, recording: Recording) -> FoundSegmentation:
-        """Divide a recording, and label what comes out. Raises ValueError for one that is too short."""
+        """Segment a recording, and classify the segments. Raises ValueError for one that is too short."""
         signals = grid_signals(recording)
         starts = self._within(signals)
         times = boundaries_s(signals, starts)
@@ -57,7 +57,7 @@ def boundaries_s(signals: Signals, starts: NDArray[np.intp]) -> Array:
 
 
 def labelled(signals: Signals, starts: NDArray[np.intp], times: Array) -> tuple[FoundSegment, ...]:
-    """Segments with the class that their mean speed and force give. starts, times: (k,)."""
+    """Return segments with the class of their mean speed and force. starts, times: (k,)."""
     bounds = [0, *starts.tolist(), signals.t.size]
     edges = [float(signals.t[0]), *times.tolist(), float(signals.t[-1])]
     kinds = [_kind(signals, a, b) for a, b in pairwise(bounds)]
@@ -75,12 +75,12 @@ def _kind(signals: Signals, first: int, last: int) -> str:
 
 
 def one_segment(signals: Signals) -> NDArray[np.intp]:
-    """One segment."""
+    """Return no starts: the whole recording is one segment."""
     return np.array([], dtype=np.intp)
 
 
 def thresholds(signals: Signals) -> NDArray[np.intp]:
-    """Speed and force above or below a threshold, with hysteresis; states that last no 0.3 s are none."""
+    """Return starts by thresholds on speed and force, with hysteresis; states below 0.3 s are dropped."""
     moving = switched(signals.speed, MOVING_M_PER_S, RESTING_M_PER_S)
     pressed = switched(np.linalg.norm(signals.force_base, axis=1), CONTACT_N, FREE_N)
     # What is carried presses on the sensor by its weight: while it moves in the gripper, that is no contact.
@@ -109,13 +109,13 @@ def switched(values: Array, on: float, off: float) -> Mask:
 
 
 def _direction(velocity: Array) -> NDArray[np.intp]:
-    """-1, 0 or 1: where an axis goes, (n,)."""
+    """Return -1, 0 or 1: the direction of motion of an axis, (n,)."""
     forth, back = (switched(sign * velocity, MOVING_M_PER_S, RESTING_M_PER_S) for sign in (1.0, -1.0))
     return forth.astype(np.intp) - back.astype(np.intp)
 
 
 def _lasting(state: NDArray[np.intp], t: Array) -> NDArray[np.intp]:
-    """States that last no 0.3 s are taken for the one before, the first for the one after. state: (n,)."""
+    """Return states (n,) with those below 0.3 s replaced by the one before, the first by the one after."""
     kept, step = state.copy(), float(np.median(np.diff(t)))
     bounds = [0, *_changes(state).tolist(), state.size]
     for first, last in pairwise(bounds):

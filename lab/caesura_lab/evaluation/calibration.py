@@ -179,7 +179,7 @@ def grids(result: CalibrationReport, layout: str) -> list[Grid]:
 
 
 def once(calibrations: Sequence[Calibration]) -> list[Calibration]:
-    """Return one of each method: classes do not depend on slack."""
+    """Return one calibration per method: classes do not depend on slack."""
     return list({one.method: one for one in reversed(calibrations)}.values())[::-1]
 
 
@@ -249,7 +249,7 @@ def as_markdown(result: CalibrationReport) -> str:
 
 
 def as_json(result: CalibrationReport) -> dict[str, Any]:
-    """For a script; null where there is no number."""
+    """Return the results as plain values; null for a missing number."""
     return {
         "title": result.title,
         "methods": [_without_nan(asdict(one)) for one in result.calibrations],

@@ -2,7 +2,7 @@
 
     python -m caesura_lab.evaluation.settings --seeds 20 --first-seed 500
 
-chooses them anew and prints this table. No real recording is looked at.
+chooses them again and prints this table. No real recording is used.
 """
 
 from __future__ import annotations

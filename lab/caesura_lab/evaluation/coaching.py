@@ -4,8 +4,8 @@
 
 The simulated teacher demonstrates with habits. `coaching_faults` injects the faults. A fault is found by a
 hint of its kind that is published after the fault begins, and active at some time from its cause until
-LATEST_S later. Published is the last sample that had been pushed: conditioning and batches are in the
-latency, the network is not. The same demonstrations without a fault count false hints.
+LATEST_S later. The time of publication is that of the last pushed sample: the latency includes conditioning
+and batches, and not the network. The same demonstrations without a fault count false hints.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class CoachingCase:
 
 @dataclass(frozen=True)
 class PublishedHint:
-    """A hint as it was published first, with the time at which it was cleared; and when that was [s]."""
+    """A hint as first published, with the time at which it was cleared, and the time of publication [s]."""
 
     hint: Hint
     at: float
@@ -66,7 +66,9 @@ class PublishedHint:
 
 @dataclass(frozen=True)
 class FaultResult:
-    """Result of one fault. latency [s]: from its cause to the first hint, negative ahead; None: no hint."""
+    """Result of one fault. latency [s]: from its cause to the first hint, negative for an earlier hint;
+    None: no hint.
+    """
 
     fault: str
     scenario: str
@@ -82,7 +84,7 @@ class FaultResult:
 
 @dataclass(frozen=True)
 class CleanResult:
-    """Hints of a demonstration without a fault; explained: those of which the truth has the cause."""
+    """Hints of a demonstration without a fault; explained: those whose cause is in the truth."""
 
     group: str
     name: str
@@ -105,7 +107,9 @@ EACH = 7  # faults that are tried in a demonstration
 
 
 def published(recording: Recording) -> list[PublishedHint]:
-    """Every hint of a recording, with the time at which a subscriber has it [s]. Raises as `views`."""
+    """Return every hint of a recording, with the time at which a subscriber receives it [s]. Raises as
+    `views`.
+    """
     first: dict[tuple[HintKind, float], PublishedHint] = {}
     until: dict[tuple[HintKind, float], float | None] = {}
     for view in views(recording):
@@ -185,12 +189,12 @@ def _is_explained(hint: Hint, taught: CleanDemonstration) -> bool:
 
 @dataclass(frozen=True)
 class RealRecording:
-    """A real recording, taken for clean."""
+    """A real recording, assumed to have no fault."""
 
     path: Path
 
     def hints(self) -> CleanResult | None:
-        """Return the hints of the recording; None where it cannot be read or segmented."""
+        """Return the hints of the recording; None if it cannot be read or segmented."""
         try:
             recording = load_recording(self.path)
             hints = published(recording)
@@ -205,7 +209,7 @@ Case = CoachingCase | RealRecording
 
 
 def cases(seeds: Sequence[int], data: Path) -> list[Case]:
-    """Every scenario by every person with some faults in turn, and the real recordings of a directory."""
+    """Return every scenario by every person with faults in turn, and the real recordings of a directory."""
     names = list(INJECTED)
     taught = [(scenario, seed) for seed in seeds for scenario in (*BASIC, *SKILLS)]
     simulated = [
@@ -216,7 +220,7 @@ def cases(seeds: Sequence[int], data: Path) -> list[Case]:
 
 
 def run(case: Case) -> CoachingResult | None:
-    """Judge a case, in a process of its own."""
+    """Judge a case, in a separate process."""
     if isinstance(case, CoachingCase):
         return run_case(case)
     found = case.hints()
@@ -228,14 +232,14 @@ def run(case: Case) -> CoachingResult | None:
 
 @dataclass(frozen=True)
 class CoachingSummary:
-    """Faults by name, at most as many as are wanted, and demonstrations without a fault by set."""
+    """Faults by name, up to the wanted number, and demonstrations without a fault by set."""
 
     faults: Mapping[str, tuple[FaultResult, ...]]
     clean: Mapping[str, tuple[CleanResult, ...]]
 
 
 def summarise(results: Iterable[CoachingResult | None]) -> CoachingSummary:
-    """Put results in order, whatever the order in which they came."""
+    """Summarise results in a fixed order, independent of their arrival."""
     known = [result for result in results if result is not None]
     known.sort(key=lambda result: result.clean.name)
     faults = {
@@ -248,7 +252,7 @@ def summarise(results: Iterable[CoachingResult | None]) -> CoachingSummary:
 
 
 def _spread(faults: Sequence[FaultResult], judged: int) -> tuple[FaultResult, ...]:
-    """At most so many of them, evenly from all demonstrations, whether they were found or not."""
+    """Return at most the given number of results, evenly from all demonstrations, found or not."""
     wanted = min(judged, len(faults))
     return tuple(faults[number * len(faults) // wanted] for number in range(wanted))
 

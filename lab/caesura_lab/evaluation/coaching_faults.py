@@ -1,7 +1,7 @@
-"""Faults that the suite of hints injects: what the sensors and joints of a demonstration would have reported.
+"""Faults that the suite of hints injects into the sensor and joint values of a demonstration.
 
-A fault is injected at a time that is drawn. Its cause is read off the samples at 1 kHz, not off the
-observations that hints are made of.
+A fault is injected at a random time. The time of its cause is determined from the samples at 1 kHz, not from
+the observations on which hints are based.
 """
 
 from __future__ import annotations
@@ -45,15 +45,15 @@ FAULTS = 50  # that are judged
 
 
 class NotInjectableError(Exception):
-    """The demonstration has no place for the fault."""
+    """The demonstration has no time at which the fault can be injected."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A recording with a fault: its kind, and when it can be seen for certain [s].
+    """A recording with a fault: its kind, and the time from which it can certainly be detected [s].
 
-    begins: when it is there for the first time [s]; from then on a hint is right. place: the time that a hint
-    has to name [s], if any.
+    begins: start of the fault [s]; from then on a hint is correct. place: the time that a hint must name [s],
+    if any.
     """
 
     kind: HintKind
@@ -63,7 +63,7 @@ class Fault:
     place: float | None = None
 
     def is_named_by(self, hint: Hint) -> bool:
-        """Whether a hint is of this fault's kind and, where the fault has a place, near it."""
+        """Return whether a hint has this fault's kind and, if the fault has a place, is near it."""
         if hint.kind != self.kind:
             return False
         return self.place is None or (hint.t0 is not None and abs(hint.t0 - self.place) <= NEAR_TRUTH_S)
@@ -71,7 +71,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class CleanDemonstration:
-    """A demonstration with its truth; and the same one with the hand in the wrench, made when asked for."""
+    """A demonstration with its truth, and, made on request, the same one with the hand in the wrench."""
 
     recording: Recording
     truth: Mapping[str, Any]
@@ -86,7 +86,10 @@ class CleanDemonstration:
         return np.column_stack([np.convolve(column, kernel, mode="same") for column in moved.T])
 
     def free_runs(self, least_m_per_s: float, least_s: float) -> list[tuple[int, int]]:
-        """Return first and last (exclusive) row of each run in free space that is so fast for so long."""
+        """Return first and last (exclusive) row of each long and fast run in free space.
+
+        A run is faster than least_m_per_s for at least least_s [s].
+        """
         t, speed = self.recording.t, np.linalg.norm(self.velocity, axis=1)
         fast = (speed > least_m_per_s) & self._is_free(t)
         edges = np.flatnonzero(np.diff(np.r_[0, fast.astype(int), 0]))
@@ -119,7 +122,7 @@ def _with_force(recording: Recording, added: Array) -> Recording:
 def _hand(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
     """The hand takes hold of the tool, below the sensor, as a movement begins.
 
-    It can be seen once it drives the movement by more than the bias of a tared sensor does.
+    It can be detected once it drives the movement by more than the bias of a tared sensor.
     """
     first, last = _run(taught, rng, MOVING_M_PER_S, 0.6)
     recording, t, velocity = taught.recording, taught.recording.t, taught.velocity
@@ -135,7 +138,7 @@ def _hand(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
 
 
 def _lasting(true: NDArray[np.bool_], seconds: float, t: Array) -> int:
-    """Return the first row from which `true` holds for so long. Raises NotInjectableError without one."""
+    """Return the first row from which `true` holds for `seconds`. Raises NotInjectableError without one."""
     rows = round(seconds / float(t[1] - t[0]))
     counts = (
         np.convolve(true.astype(int), np.ones(rows, int), mode="valid") if len(true) >= rows else np.zeros(0)
@@ -157,7 +160,7 @@ def _cable(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
 
 
 def _weight(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
-    """Something hangs on the tool, and the fingers are open."""
+    """A weight hangs on the tool, and the fingers are open."""
     runs = taught.free_runs(FREE_M_PER_S, 0.6)
     t, gripper = taught.recording.t, taught.recording.signals["gripper"][:, 0]
     open_runs = [(a, b) for a, b in runs if gripper[a:b].min() > 0.9 * gripper.max()]
@@ -171,7 +174,7 @@ def _weight(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
 
 
 def _drift(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
-    """The zero of the sensor drifts. It can be seen once the force is beyond the limit in free movement."""
+    """The zero of the sensor drifts. It can be detected once the force exceeds the limit in free movement."""
     t, direction = taught.recording.t, rng.normal(size=3)
     start, reached = FIRST_S, rng.uniform(0.5, 0.7) * t[-1]
     ramp = DRIFT_N * np.clip((t - start) / (reached - start), 0.0, 1.5)
@@ -187,7 +190,9 @@ def _drift(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
 
 
 def _warped(recording: Recording, t_of_sample: Array) -> Recording:
-    """The recording at 1 kHz of what happened at other times; t_of_sample: (n,) [s] when each happened."""
+    """Return the recording at 1 kHz with changed times; t_of_sample: (n,) [s] original time of each
+    sample.
+    """
     t = np.arange(len(t_of_sample)) * (recording.t[1] - recording.t[0])
     signals = {
         name: np.column_stack([np.interp(t_of_sample, recording.t, column) for column in values.T])
@@ -197,7 +202,7 @@ def _warped(recording: Recording, t_of_sample: Array) -> Recording:
 
 
 def _fast(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
-    """A stretch of the demonstration is shown several times as fast."""
+    """A part of the demonstration is played several times as fast."""
     recording, (first, last) = taught.recording, _run(taught, rng, MOVING_M_PER_S, 0.6)
     dt = float(recording.t[1] - recording.t[0])
     factor = rng.uniform(4.0, 6.0)
@@ -225,11 +230,11 @@ def first_unrecorded(t: Array, position: Array) -> float | None:
 
 
 def _unclear_corner(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
-    """A corner that is one by neither rule: annotators leave it open, and the posterior is even.
+    """An ambiguous corner: optional for annotators, with a posterior near one half.
 
-    Its turn and its dip are near the limits of a corner. Within these, halving finds the dip at which the
-    posterior changes its mind. Where it is sure all the same, there is nothing to hint at. The corner can be
-    seen LOOK_AHEAD_S after it, when the models' weight of it is settled.
+    Its turn and its dip are near the limits of a corner. Bisection finds the dip at which the posterior
+    probability is near one half; without such a dip the fault is not injected. The corner can be detected
+    LOOK_AHEAD_S after it, when the models' weight of it has settled.
     """
     for _ in range(TRIES):
         first, last = _run(taught, rng, FREE_M_PER_S, 0.8)
@@ -253,7 +258,9 @@ def _unclear_corner(taught: CleanDemonstration, rng: np.random.Generator) -> Fau
 def _with_corner(
     taught: CleanDemonstration, first: int, last: int, turn: float, depth: float
 ) -> tuple[Recording, float]:
-    """A movement that turns in its middle, and slows down there to a share of its pace; when it turns."""
+    """Return a movement that turns in its middle and slows to a share of its speed, and the time of the
+    turn.
+    """
     recording = taught.recording
     dt = float(recording.t[1] - recording.t[0])
     down = np.linspace(1.0, depth, round(DIP_S / dt))
@@ -271,7 +278,7 @@ def _with_corner(
 
 
 def boundary_probability(recording: Recording, corner: float) -> float:
-    """That the current segment began at a corner, as published once the models have looked ahead."""
+    """Return the published probability of a boundary at a corner, after the models' look-ahead."""
     kept = recording.t < corner + LOOK_AHEAD_S + PUBLISHED_S
     *_, newest, _ = views(rows_of(recording, np.flatnonzero(kept)))
     starts = zip(newest.posterior_starts, newest.posterior_probabilities, strict=True)
@@ -279,7 +286,7 @@ def boundary_probability(recording: Recording, corner: float) -> float:
 
 
 def _at_joints(taught: CleanDemonstration, joints: Array) -> Recording:
-    """The recording with the arm at joints (n, j), and its flange where they put it."""
+    """Return the recording with the arm at joints (n, j), and the flange at their pose."""
     positions, quaternions = taught.robot.flange_poses(joints)
     signals = {**taught.recording.signals, "q": joints, "pos": positions, "quat": quaternions}
     return replace(taught.recording, signals=signals)
@@ -292,7 +299,7 @@ def _ramp(t: Array, start: float, duration: float) -> Array:
 
 
 def _joint_limit(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
-    """One joint is led to its limit, more and more."""
+    """One joint is moved gradually to its limit."""
     t, q = taught.recording.t, taught.recording.signals["q"]
     lower, upper = taught.robot.lower_limits, taught.robot.upper_limits
     joint = int(rng.choice([0, 6]))
@@ -317,7 +324,7 @@ def least_singular_value(robot: Robot, joints: Array) -> float:
 
 
 def _singularity(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
-    """The elbow is led towards straight."""
+    """The elbow is moved gradually towards the stretched arm."""
     t, q = taught.recording.t, taught.recording.signals["q"]
     start, duration = rng.uniform(FIRST_S, 3.0), rng.uniform(3.0, 5.0)
     led = q.copy()
@@ -332,7 +339,7 @@ def _singularity(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
 
 
 def _lost(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
-    """Samples are missing; that is known when the next one comes."""
+    """Samples are missing; this can be detected at the next one."""
     recording, t = taught.recording, taught.recording.t
     start, length = rng.uniform(FIRST_S, t[-1] - 2.0), rng.uniform(0.3, 1.0)
     kept = (t < start) | (t > start + length)

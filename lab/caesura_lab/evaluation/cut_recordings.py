@@ -1,4 +1,4 @@
-"""A part of a demonstration, as where a recording was begun or cut late: in motion, or in contact."""
+"""Parts of a demonstration, as if the recording began or ended in motion or in contact."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ def write(result: CalibrationReport, path: Path) -> None:
 
 
 def draw(result: CalibrationReport) -> Figure:
-    """Draw one panel of changepoints a slack, and one of classes."""
+    """Draw one panel of changepoints per slack, and one of classes."""
     from matplotlib.figure import Figure  # noqa: PLC0415 - an extra
 
     panels = _panels(result)

@@ -1,6 +1,6 @@
-"""Typical errors: what a method misses, where it cuts needlessly, and what it takes for what.
+"""Typical errors of a method: missed points, false alarms, and confused classes.
 
-For developers of the models. Sorted by how often, so that the first line is what is worth most.
+It is for developers of the models. Errors are sorted by frequency, the most frequent first.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from caesura_lab.evaluation.summary import summarise
 class MissedGroup:
     """True points of one kind between two classes: how many were missed of all of that kind.
 
-    near: for how many a changepoint lay within a second but out of tolerance; offset_s: their median, later
-    is positive.
+    near: number with a changepoint within a second and out of tolerance; offset_s: their median offset,
+    positive if later.
     """
 
     kind: str
@@ -45,7 +45,7 @@ class OffsetGroup:
 
 @dataclass(frozen=True)
 class TagGroup:
-    """The recordings that have one tag in common."""
+    """The recordings with one common tag."""
 
     tag: str
     recordings: int
@@ -75,7 +75,7 @@ class ErrorSummary:
 
 
 def error_summary(scores: Iterable[Score]) -> ErrorSummary:
-    """The typical errors in the scores of one method."""
+    """Return the typical errors in the scores of one method."""
     scores = list(scores)
     seconds: Counter[tuple[str, str]] = Counter()
     for score in scores:

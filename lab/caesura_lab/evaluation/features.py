@@ -1,4 +1,4 @@
-"""One row of numbers an observation, on which general changepoint detectors work."""
+"""Features for general changepoint detectors: one row of numbers per observation."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 def log_features(signals: Signals, floor_m_per_s: float, floor_n: float) -> Array:
     """Return log speed and, where force shows contact, the log of the force's magnitude, (n, 1 or 2).
 
-    Below the floors [m/s], [N] no difference counts.
+    Values below the floors [m/s], [N] are not distinguished.
     """
     speed = np.log(signals.speed + floor_m_per_s)[:, None]
     if not signals.force_shows_contact:

@@ -2,9 +2,9 @@
 
     python -m caesura_lab.evaluation.hand_noise --data DIR
 
-The movements are those of the open annotations: between two neighbouring boundaries, at a median speed of
-7 mm/s or more, without the steps of a start and of a stop. Their steps have the model of `GuidedMotion`, and
-every movement has one of its scales. No boundary is found here, so how many are right plays no part.
+The movements are those of the open annotations: between two neighbouring boundaries, at a median speed of 7
+mm/s or more, without the steps of a start and of a stop. Their steps have the model of `GuidedMotion`, and
+every movement has one of its scales. No boundaries are inferred, so their accuracy has no influence.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class HandNoise:
     nu: float
 
     def log_likelihood(self, steps: Array) -> float:
-        """Return that of a movement's steps (n, 3) [m], without its start and stop."""
+        """Return the log likelihood of a movement's steps (n, 3) [m], without its start and stop."""
         before, earlier = steps[BEGIN - 1 : -END - 1], steps[BEGIN - 2 : -END - 2]
         errors = steps[BEGIN:-END] - 2.0 * self.correlation * before + self.correlation**2 * earlier
         scale2 = self.floor**2 + self.share**2 * (before**2).sum(axis=1)
@@ -61,7 +61,7 @@ class HandNoise:
 
 
 def movements(truth: Truth, signals: Signals) -> Iterator[Array]:
-    """Steps (n, 3) [m] of each movement of an annotated recording."""
+    """Yield the steps (n, 3) [m] of each movement of an annotated recording."""
     edges = [truth.window[0], *(point.t for point in truth.points if not point.optional), truth.window[1]]
     for first, last in pairwise(np.searchsorted(signals.t, edges)):
         steps = np.diff(signals.position_base[first:last], axis=0)

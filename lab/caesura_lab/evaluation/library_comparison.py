@@ -85,7 +85,7 @@ def _with_library(model: ChannelModel, profiles: Sequence[Profile]) -> ChannelMo
 
 
 def library_evidence(case: Case) -> LibraryEvidence:
-    """The evidence of one recording. Raises TruthError or RecordingError for one that cannot be segmented."""
+    """Return the evidence of one recording. Raises TruthError or RecordingError if it cannot be segmented."""
     recording = _load_recording(case)
     try:
         conditioned = condition(recording)
@@ -118,7 +118,7 @@ def title(what: str, evidences: Sequence[LibraryEvidence]) -> str:
 
 
 def sorted_by_recording(evidences: Iterable[LibraryEvidence]) -> list[LibraryEvidence]:
-    """By name, in whatever order they came."""
+    """Return evidences sorted by the name of the recording."""
     return sorted(evidences, key=lambda one: one.recording)
 
 
@@ -137,7 +137,7 @@ def _win_counts(evidences: Sequence[LibraryEvidence]) -> dict[str, int]:
 
 
 def grid(evidences: Sequence[LibraryEvidence]) -> Grid:
-    """A row a recording, then all of them."""
+    """Return a table with a row per recording, and one of all of them."""
     observations = sum(one.observations for one in evidences)
 
     def row(name: str, n: object, values: Mapping[str, float], digits: int) -> tuple[str, ...]:
@@ -162,7 +162,7 @@ def as_markdown(evidences: Sequence[LibraryEvidence], heading: str) -> str:
 
 
 def as_json(evidences: Sequence[LibraryEvidence], heading: str) -> dict[str, Any]:
-    """For a script: the log evidences themselves."""
+    """Return the log evidences as plain values."""
     total = _totals(evidences)
     return {
         "title": heading,

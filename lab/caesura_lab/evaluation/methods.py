@@ -1,7 +1,7 @@
-"""The interface of a method that can be judged, and Caesura's presets behind it.
+"""The interface of a method that can be judged, and its implementation by Caesura's presets.
 
-A method never sees the truth. Caesura gets the samples batch by batch, as a session does, and its result
-after each is kept, so that delays can be measured.
+A method has no access to the truth. Caesura gets the samples batch by batch, like a session, and its result
+after each is stored, so that delays can be measured.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Method(Protocol):
         """Return the name in the tables."""
 
     def segment(self, recording: Recording) -> FoundSegmentation:
-        """Divide a recording. Raises ValueError or ProtocolError where the method cannot be applied."""
+        """Segment a recording. Raises ValueError or ProtocolError if the method cannot be applied."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class MissingExtraError(RuntimeError):
 
 
 def baselines() -> list[Method]:
-    """All baselines. Raises MissingExtraError where their libraries are not installed."""
+    """Return all baselines. Raises MissingExtraError if their libraries are not installed."""
     try:
         from caesura_lab.evaluation import third_party_baselines  # noqa: PLC0415
     except ModuleNotFoundError as error:

@@ -1,8 +1,8 @@
 """Measures of a segmentation, pure functions of times. Numbers per recording are in `score`.
 
-A changepoint is right if it lies within a true point's tolerance, and each point takes one only. Of all such
-pairings the one is taken that finds most points, then excuses most by optional points, then lies closest: it
-does not depend on any order.
+A changepoint is right if it is within a true point's tolerance; each point is paired with at most one. Of all
+such pairings the one with the most found points is chosen, then with the most optional points, then the
+closest. So it does not depend on any order.
 """
 
 from __future__ import annotations
@@ -34,23 +34,23 @@ class Matching:
 
     @property
     def hits(self) -> Indices:
-        """True points that must be found and were."""
+        """The true points that must be found and were."""
         matched = self.partner[self.partner >= 0]
         return np.sort(matched[~self.optional[matched]])
 
     @property
     def misses(self) -> Indices:
-        """True points that must be found and were not."""
+        """The true points that must be found and were not."""
         return np.setdiff1d(np.flatnonzero(~self.optional), self.hits)
 
     @property
     def false_alarms(self) -> Indices:
-        """Found changepoints that belong to nothing."""
+        """The found changepoints without a true point."""
         return np.flatnonzero(self.partner < 0)
 
     @property
     def counted(self) -> Indices:
-        """Found changepoints that count: all but those that an optional point excuses."""
+        """The found changepoints that count: all except those paired with an optional point."""
         excused = np.append(self.optional, False)[self.partner]
         return np.flatnonzero(~excused)
 
@@ -62,7 +62,7 @@ def match(
     found_s: ArrayLike,
     alternatives_s: ArrayLike | None = None,
 ) -> Matching:
-    """Pair found changepoints with true points one to one, as the module says.
+    """Pair found changepoints with true points one to one, by the rules of this module.
 
     points_s, tolerances_s: (p,) [s]; optional: (p,) bool; found_s: (m,) [s]; alternatives_s: (p,) [s] second
     accepted times, nan where there is none. The nearer of the two counts.
@@ -84,7 +84,9 @@ def match(
 
 
 def f1(hits: float, false_alarms: float, misses: float) -> float:
-    """Harmonic mean of precision and recall; 1 where there was nothing to find and nothing was found."""
+    """Return the harmonic mean of precision and recall; 1 if there was nothing to find and nothing was
+    found.
+    """
     total = 2 * hits + false_alarms + misses
     return 2 * hits / total if total else 1.0
 
@@ -105,10 +107,10 @@ def covering(truth_s: ArrayLike, found_s: ArrayLike, window: tuple[float, float]
 def segments_with_events(
     boundaries_s: ArrayLike, events_s: ArrayLike, window: tuple[float, float]
 ) -> tuple[int, int]:
-    """Count the segments between boundaries in which at least one event lies, and all of them.
+    """Return the number of segments between boundaries that contain an event, and of all segments.
 
-    With true boundaries and false alarms: what is over-segmented. With found ones and misses: what is
-    under-segmented.
+    With true boundaries and false alarms it measures over-segmentation; with found boundaries and misses,
+    under-segmentation.
     """
     edges = _stretches(boundaries_s, window)
     events = np.asarray(events_s, dtype=float)
@@ -117,7 +119,7 @@ def segments_with_events(
 
 
 class Labelled(NamedTuple):
-    """A stretch [s] with a class."""
+    """A time interval [s] with a class."""
 
     t0: float
     t1: float
@@ -125,7 +127,7 @@ class Labelled(NamedTuple):
 
 
 def confusion(truth: Iterable[Labelled], found: Sequence[Labelled]) -> Counter[tuple[str, str]]:
-    """Seconds for which truth said the first and the method the second; "none" where it said nothing."""
+    """Return the seconds for each pair of true and found class; "none" without one."""
     seconds: Counter[tuple[str, str]] = Counter()
     for true in truth:
         left = true.t1 - true.t0
@@ -140,12 +142,12 @@ def confusion(truth: Iterable[Labelled], found: Sequence[Labelled]) -> Counter[t
 
 
 def overlap(one: Labelled, other: Labelled) -> float:
-    """Seconds that two stretches share, negative if they lie apart."""
+    """Return the common seconds of two intervals, negative if they are apart."""
     return min(one.t1, other.t1) - max(one.t0, other.t0)
 
 
 class TimedEstimate(NamedTuple):
-    """Estimate from samples up to t [s]: changepoints (m,) [s], and which of them were final."""
+    """An estimate from samples up to t [s]: changepoints (m,) [s], and which of them were final."""
 
     t: float
     changepoints: Sequence[float]
@@ -155,7 +157,8 @@ class TimedEstimate(NamedTuple):
 def present_since(
     timed_estimates: Iterable[TimedEstimate], accepted_s: Sequence[float], tolerance_s: float, *, final: bool
 ) -> float | None:
-    """Return since when a changepoint within tolerance was present without a break [s]; None if it is not.
+    """Return the time [s] since which a changepoint within tolerance is continuously present; None if it is
+    not.
 
     accepted_s: times [s], near any of which it may be; final: only those that were final count.
     """
@@ -170,7 +173,7 @@ def present_since(
 
 
 def _stretches(boundaries_s: ArrayLike, window: tuple[float, float]) -> Array:
-    """Begin and end of each stretch between boundaries, (k, 2) [s]."""
+    """Return start and end of each interval between boundaries, (k, 2) [s]."""
     times = np.unique(np.asarray(boundaries_s, dtype=float))
     inside = times[(times > window[0]) & (times < window[1])]
     edges = np.concatenate([window[:1], inside, window[1:]])

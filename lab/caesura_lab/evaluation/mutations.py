@@ -1,8 +1,8 @@
-"""Programs that were spoilt on purpose: each is refused by the check, or its run stays within the limits.
+"""Mutated programs: each must be refused by the check, or its run must stay within the limits.
 
-A mutation changes a taught program by up to three of the operators below, without minding what a program may
-hold. What the check lets pass is run in the simulated cell, and every tick of it is held against the limits:
-speed, force, workspace, joints and their speeds. Whatever is beyond one is a violation, and so is a crash.
+A mutation changes a taught program by up to three of the operators below, without validation. A program that
+passes the check is run in the simulated cell, and every tick is compared with the limits: speed, force,
+workspace, joints and their speeds. Exceeding a limit is a violation, and so is a crash.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ Rng = np.random.Generator
 class MutationResult:
     """Outcome of one mutated program.
 
-    operators: what was done to it; why: the first reason for which it was refused or stopped, or violation.
+    operators: the applied ones; why: the first reason of a refusal or stop, or the first violation.
     """
 
     number: int
@@ -129,7 +129,7 @@ def _with_changes(apps: Apps, index: int, **changes: object) -> Apps:
 
 
 def _pick_app(apps: Apps, rng: Rng, field: str | None = None) -> int:
-    """Draw the index of an app, one that has the field where there is any."""
+    """Draw the index of an app, one that has the field if there is any."""
     having = [i for i, app in enumerate(apps) if field is None or getattr(app, field) is not None]
     return int(rng.choice(having or list(range(len(apps)))))
 
@@ -174,7 +174,7 @@ def _repeat(apps: Apps, rng: Rng) -> Apps:
 
 
 def _with_new_times(apps: Apps, rng: Rng) -> Apps:
-    """In most cases with times that go with the new order, or else it is refused for them alone."""
+    """Return the apps, in most cases with times in the new order: otherwise the times alone are refused."""
     if rng.random() < 0.2:
         return apps
     t, timed = 0.5, []

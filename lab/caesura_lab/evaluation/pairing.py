@@ -9,9 +9,9 @@ Places = NDArray[np.intp]
 
 
 def best_pairs(gain: NDArray[np.float64]) -> tuple[Places, Places]:
-    """Row and column of each pair, so that gain (n, m) adds up to most; min(n, m) pairs.
+    """Return row and column of each of min(n, m) pairs with the greatest sum of gain (n, m).
 
-    scipy.optimize takes a quarter of a second to load, which every command would wait for.
+    scipy.optimize takes a quarter of a second to load, which would delay every command.
     """
     from scipy.optimize import linear_sum_assignment  # noqa: PLC0415
 

@@ -48,7 +48,7 @@ REST_N = 1e-6
 
 @dataclass(frozen=True)
 class RoundTripCase:
-    """One person who teaches one scenario on one arm; the program runs as taught, or at its fastest."""
+    """One person who teaches one scenario on one arm; the program runs as taught, or as fast as possible."""
 
     scenario: str
     seed: int
@@ -60,9 +60,9 @@ class RoundTripCase:
 class RoundTripResult:
     """The outcome of one round trip.
 
-    taught, executed: kinds of the apps; target_m: app by app, where the apps are the same; force: errors of
+    taught, executed: kinds of the apps; target_m: app by app, if the apps are the same; force: errors of
     presses, relative; path_m, path_rad: largest distance and angle between the demonstrated path and the one
-    that was run, app by app that moves; why: why it does not hold, None where it does.
+    that was run, app by app that moves; why: the reason of a failure, None for a success.
     """
 
     case: RoundTripCase
@@ -142,7 +142,7 @@ def _app_poses(recording: Recording, t0: float, tn: float) -> AppPoses:
 
 
 def _poses(recording: Recording, t0: float, tn: float) -> Array:
-    """Flange poses (n, 7) between two times [s], as they were measured."""
+    """Return the measured flange poses (n, 7) between two times [s]."""
     inside = slice(*np.searchsorted(recording.t, (t0, tn)).tolist())
     return np.hstack([recording.signals["pos"][inside], recording.signals["quat"][inside]])
 
@@ -156,7 +156,7 @@ def _path_error(path_m: Sequence[float], path_rad: Sequence[float]) -> str | Non
 
 
 def compare_programs(case: RoundTripCase, taught: Sequence[App], executed: Sequence[App]) -> RoundTripResult:
-    """Compare a program with the one that the recording of its run gives."""
+    """Compare a program with the one inferred from the recording of its run."""
     kinds = _kinds(taught), _kinds(executed)
     if kinds[0] != kinds[1]:
         return RoundTripResult(case, *kinds, (), (), _first_difference(*kinds))
@@ -220,7 +220,7 @@ def cases(seeds: Sequence[int], robot: str = "panda", speed: RunSpeed = "taught"
 
 
 def summarise(results: Iterable[RoundTripResult]) -> dict[str, list[RoundTripResult]]:
-    """Trips by scenario, in the order of the seeds."""
+    """Return the round trips by scenario, in the order of the seeds."""
     ordered = sorted(results, key=lambda result: (SCENARIOS.index(result.case.scenario), result.case.seed))
     return {name: [t for t in ordered if t.case.scenario == name] for name in SCENARIOS}
 
@@ -270,7 +270,7 @@ def _row(name: str, results: Sequence[RoundTripResult]) -> tuple[str, ...]:
 
 
 def _spread(errors: Sequence[float]) -> tuple[str, str]:
-    """Median and worst."""
+    """Return the median and the worst error as text."""
     return (f"{np.median(errors):.1f}", f"{np.max(errors):.1f}") if errors else ("–", "–")
 
 

@@ -1,4 +1,4 @@
-"""The distinction of simulated from real demonstrations: a classifier on windows of 2 s tries it.
+"""Measures how well a classifier distinguishes simulated from real demonstrations, on windows of 2 s.
 
     caesura evaluate --suite realism --data DIR
 
@@ -99,7 +99,7 @@ class RealCase:
     path: Path
 
     def load(self) -> WindowMeasures | None:
-        """Measure it; None where its rate is below 50 Hz."""
+        """Compute its measures; None for a rate below 50 Hz."""
         recording = load_recording(self.path)
         if np.median(np.diff(recording.t)) > 1.0 / LEAST_RATE_HZ:
             return None
@@ -119,7 +119,7 @@ class SimulatedCase:
     natural: bool
 
     def load(self) -> WindowMeasures:
-        """Simulate and measure it."""
+        """Simulate the demonstration and compute its measures."""
         # Pinocchio takes a second to load: only for who teaches.
         from caesura_lab.teacher.simulated_teaching import teach  # noqa: PLC0415
 
@@ -171,12 +171,12 @@ def cases(data: Path, seeds: Sequence[int]) -> list[Case]:
 
 
 def load(case: Case) -> WindowMeasures | None:
-    """Measure one case."""
+    """Compute the measures of one case; None if it cannot be measured."""
     return case.load()
 
 
 def measures(t: Array, position: Array, force: Array) -> Array:
-    """Measure every window that is motion for half of its time: values (n, measures).
+    """Compute the measures (n, measures) of every window with motion for at least half of its time.
 
     t: (m,) [s]; position: (m, 3) [m]; force: (m, 3) [N].
     """
@@ -226,7 +226,7 @@ def _log(value: float) -> float:
 
 
 def _bow(way: Array) -> float:
-    """Largest distance from the chord, as a share of the length."""
+    """Return the largest distance from the chord, as a share of the length."""
     chord = way[-1] - way[0]
     along = chord / max(float(np.linalg.norm(chord)), SMALLEST)
     from_start = way - way[0]
@@ -236,7 +236,7 @@ def _bow(way: Array) -> float:
 
 
 def _turn(velocity: Array) -> float:
-    """Change of direction [rad] a metre, where it moves."""
+    """Return the change of direction [rad] per metre, where it moves."""
     speed = np.linalg.norm(velocity, axis=1)
     fast = (speed[1:] > SMALL_M_PER_S) & (speed[:-1] > SMALL_M_PER_S)
     cosine = np.sum(velocity[1:] * velocity[:-1], axis=1) / np.maximum(speed[1:] * speed[:-1], SMALLEST**2)
@@ -245,20 +245,20 @@ def _turn(velocity: Array) -> float:
 
 
 def _jerk(velocity: Array, speed: Array) -> float:
-    """Jerk without dimension: mean square jerk · time⁴ / mean square speed."""
+    """Return the dimensionless jerk: mean square jerk · time⁴ / mean square speed."""
     jerk = np.diff(velocity, 2, axis=0) * GRID_HZ**2
     return float(np.mean(np.sum(jerk**2, axis=1)) * WINDOW_S**4 / max(np.mean(speed**2), SMALLEST**2))
 
 
 def _cubic_residual(way: Array) -> float:
-    """Root mean square distance [m] from the best polynomial of third degree in time."""
+    """Return the root mean square distance [m] from the best polynomial of third degree in time."""
     basis = np.polynomial.chebyshev.chebvander(np.linspace(-1.0, 1.0, len(way)), 3)
     fitted = basis @ np.linalg.lstsq(basis, way, rcond=None)[0]
     return float(np.sqrt(np.mean(np.sum((way - fitted) ** 2, axis=1))))
 
 
 def _guided_residual(way: Array) -> float:
-    """Root mean square innovation [m/s] of a critically damped velocity with 0.5 s, seen at 10 Hz."""
+    """Return the root mean square innovation [m/s] of a critically damped velocity with 0.5 s, at 10 Hz."""
     steps = np.diff(way[:: GRID_HZ // 10], axis=0) * 10.0
     keep = np.exp(-0.1 / 0.5)
     innovation = steps[2:] - 2.0 * keep * steps[1:-1] + keep**2 * steps[:-2]
@@ -266,7 +266,7 @@ def _guided_residual(way: Array) -> float:
 
 
 def _band_size(force: Array, band: tuple[float, float]) -> float:
-    """Root mean square force [N] in a band, its mean left out."""
+    """Return the root mean square force [N] in a band, without its mean."""
     window = np.hanning(len(force))[:, None]
     power = np.abs(np.fft.rfft((force - force.mean(axis=0)) * window, axis=0)) ** 2
     hertz = np.fft.rfftfreq(len(force), 1.0 / GRID_HZ)
@@ -297,7 +297,7 @@ def _count(windows: Sequence[WindowMeasures]) -> tuple[int, int]:
 
 
 def _by_measures(windows: Sequence[WindowMeasures], who: str) -> dict[str, SetSeparation]:
-    """Separations of windows of some people from the others: all, by group, by measure."""
+    """Return separations of windows of some persons from the others: all, by group, by measure."""
     chosen = {"all": MEASURES, **GROUPS, **{name: (name,) for name in MEASURES}}
     return {
         name: separation(windows, who, [MEASURES.index(m) for m in names]) for name, names in chosen.items()
@@ -358,14 +358,14 @@ def fit(values: Sequence[Array], positive: Labels) -> Callable[[Array], Array]:
 
 
 def _terms(z: Array) -> Array:
-    """One, values, squares and products of pairs."""
+    """Return one, values, squares and products of pairs."""
     first, second = np.triu_indices(z.shape[1])
     limited = np.clip(z, -4.0, 4.0)
     return np.column_stack([np.ones(len(z)), limited, limited[:, first] * limited[:, second]])
 
 
 def _auc(scores: Sequence[Array], positive: Labels) -> float:
-    """Probability that a window of the positive class has the higher score."""
+    """Return the probability that a window of the positive class has the higher score."""
     labels = np.concatenate([np.full(len(s), p) for s, p in zip(scores, positive, strict=True)])
     ranks = rankdata(np.concatenate(scores))
     ones, zeros = int(labels.sum()), int((~labels).sum())
@@ -373,14 +373,14 @@ def _auc(scores: Sequence[Array], positive: Labels) -> float:
 
 
 def _accuracy(scores: Sequence[Array], positive: Labels) -> float:
-    """Mean share of windows right in either class."""
+    """Return the mean share of correctly classified windows in either class."""
     labels = np.concatenate([np.full(len(s), p) for s, p in zip(scores, positive, strict=True)])
     right = (np.concatenate(scores) > 0.0) == labels
     return float(0.5 * (right[labels].mean() + right[~labels].mean()))
 
 
 def _interval(scores: Sequence[Array], positive: Labels) -> tuple[float, float]:
-    """95 % interval of the AUC over recordings drawn with replacement, within either class."""
+    """Return the 95 % interval of the AUC over recordings drawn with replacement, within either class."""
     rng = np.random.default_rng(0)
     ones, zeros = np.flatnonzero(positive), np.flatnonzero(~positive)
     found = []
@@ -392,7 +392,7 @@ def _interval(scores: Sequence[Array], positive: Labels) -> tuple[float, float]:
 
 
 def title(seeds: Sequence[int]) -> str:
-    """Say what was compared."""
+    """Return the title: the compared sets."""
     return (
         f"realism: windows of {WINDOW_S:g} s, people {seeds[0]} to {seeds[-1]} beside real recordings; "
         f"AUC 0.5 is chance; 95 % intervals over recordings"
@@ -421,7 +421,7 @@ def _cells(found: SetSeparation) -> tuple[str, str]:
 
 
 def as_text(result: RealismReport, heading: str) -> RenderableType:
-    """Lay the result out for a terminal."""
+    """Render the result for a terminal."""
     parts: list[RenderableType] = [Text(heading, style="bold")]
     for grid in _grids(result):
         parts += rich_grid(grid)
@@ -429,7 +429,7 @@ def as_text(result: RealismReport, heading: str) -> RenderableType:
 
 
 def as_markdown(result: RealismReport, heading: str) -> str:
-    """Lay the result out for a page."""
+    """Render the result as Markdown for a page."""
     return "\n\n".join([f"**{heading}**", *map(markdown_grid, _grids(result))]) + "\n"
 
 

@@ -1,4 +1,4 @@
-"""The report of the judge: all verdicts by method, and the columns in which they are shown."""
+"""The report of the judge: all verdicts by method, and the columns of the tables."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ UNITS = {measure.name: measure.unit for measure in MEASURES}
 
 @dataclass(frozen=True)
 class Column:
-    """A column: its heading, the measure it shows, and how many digits."""
+    """A column: its heading, its measure, and its number of digits."""
 
     heading: str
     measure: str
@@ -79,7 +79,7 @@ TABLES = (
 
 @dataclass(frozen=True)
 class MethodReport:
-    """One method: its numbers, on how many recordings they rest, and its typical errors."""
+    """One method: its numbers, the number of recordings, and its typical errors."""
 
     method: str
     recordings: int
@@ -91,7 +91,7 @@ class MethodReport:
 
 @dataclass(frozen=True)
 class MethodComparison:
-    """One method on the recordings of one set: its numbers, and by how much the first method exceeds it."""
+    """One method on the recordings of one set: its numbers, and the first method's margins over it."""
 
     method: str
     recordings: int
@@ -110,7 +110,7 @@ class SlackSection:
 
 @dataclass(frozen=True)
 class Report:
-    """Everything that was judged, in the order of the methods; the first is compared with all others.
+    """All results, in the order of the methods; the first is compared with all others.
 
     sections: one a slack, the least first; missing: notes on recordings that were not there.
     """
@@ -129,7 +129,7 @@ class Report:
 def report(
     title: str, methods: Sequence[str], verdicts: Iterable[Verdict], missing: Sequence[str] = ()
 ) -> Report:
-    """Put verdicts, in any order, together."""
+    """Make a report of verdicts in any order."""
     ordered = sorted(verdicts, key=lambda verdict: verdict.recording)
     unfit = tuple(verdict for verdict in ordered if isinstance(verdict, NotApplicable))
     scores = [verdict for verdict in ordered if isinstance(verdict, Score)]
@@ -149,7 +149,7 @@ def _section(slack_s: float, methods: Sequence[str], scores: Sequence[Score]) ->
 def _sets(methods: Sequence[str], scores: Sequence[Score]) -> dict[str, tuple[MethodComparison, ...]]:
     """Compare robot by robot and set by set.
 
-    Left out: a set of everything, a set equal to one before it, and all sets where each has one recording.
+    A set of all recordings, a repeated set, and all sets if each has one recording, are left out.
     """
     everything = frozenset(one.recording for one in scores)
     members: dict[str, frozenset[str]] = {}
@@ -197,14 +197,14 @@ def _margins(
 
 
 def format_estimate(estimate: Estimate, digits: int) -> tuple[str, str]:
-    """A value and its interval as text; a dash where there is none."""
+    """Return a value and its interval as text; a dash without a value."""
     if math.isnan(estimate.value):
         return "–", ""
     return f"{estimate.value:.{digits}f}", f"{estimate.low:.{digits}f}…{estimate.high:.{digits}f}"
 
 
 def as_json(report: Report) -> dict[str, Any]:
-    """Everything as plain values; null where there is no number."""
+    """Return the report as plain values; null for a missing number."""
     return {
         "title": report.title,
         "units": UNITS,
@@ -252,7 +252,7 @@ def _estimate(estimate: Estimate) -> dict[str, Any]:
 
 
 def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """Json has no nan."""
+    """Return the values with nan replaced by None, because JSON has no nan."""
     return {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in values.items()}
 
 

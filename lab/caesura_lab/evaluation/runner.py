@@ -1,4 +1,4 @@
-"""Every method on every case. Cases are loaded where they are judged, so nothing big travels."""
+"""Judges every method on every case. Worker processes load the cases, so that no large data is sent."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ AS_READ = ToleranceOptions()
 
 @dataclass(frozen=True)
 class NotApplicable:
-    """A method that could not be applied to a recording, and why."""
+    """A method that could not be applied to a recording, with the reason."""
 
     method: str
     recording: str
@@ -34,7 +34,7 @@ Verdict = Score | NotApplicable
 def judge(
     case: Case, methods: Sequence[Method], tolerance_options: Sequence[ToleranceOptions] = (AS_READ,)
 ) -> list[Verdict]:
-    """Apply all methods to one case, once each, and judge what they find under every leniency.
+    """Apply all methods to one case, once each, and score their results under every tolerance.
 
     Raises TruthError or RecordingError for a case that cannot be loaded.
     """
@@ -68,5 +68,5 @@ def judge_all(
     *,
     workers: int = 1,
 ) -> Iterator[list[Verdict]]:
-    """The verdicts on each case as they come, in no order. With more than one worker, in processes."""
+    """Yield the verdicts on each case, in no order. With more than one worker, in processes."""
     return each(partial(judge, methods=methods, tolerance_options=tolerance_options), cases, workers=workers)

@@ -1,7 +1,7 @@
-"""One method on one recording: all counts and errors from which tables are made.
+"""Scores one method on one recording: all counts and errors from which tables are made.
 
-Within `EDGE_S` of the window's edges nothing is counted. A true point there is optional, and a changepoint
-there is no false alarm. The annotators' shortest rest does not fit in, so they cannot see one.
+Within `EDGE_S` of the window's edges nothing is counted: a true point there is optional, and a changepoint
+there is no false alarm. No annotated rest fits into this interval.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ TOUCHING = ("contact", "sliding")
 
 @dataclass(frozen=True)
 class FoundSegment:
-    """A found segment: from t0 to t1 [s]; load_kg [kg], force_n [N] where the method states them.
+    """A found segment: from t0 to t1 [s]; load_kg [kg], force_n [N], if the method states them.
 
     probability: stated for the class, None if the method states none. screw: axis and advance in one turn [m]
     of a turning, None where the method states none.
@@ -57,10 +57,10 @@ class FoundSegment:
 class FoundSegmentation:
     """Segmentation of a recording by a method.
 
-    changepoints: (m,) [s]; parts: None if it does not classify; timed_estimates: what was known when, None
-    if the method needs the whole recording; intervals: changepoint → [s] between which it lies with
-    probability 0.9; probabilities: changepoint → the probability stated for it; phases: (p,) [s] where one
-    phase ends and the next begins, None if the method finds none.
+    changepoints: (m,) [s]; parts: None if it does not classify; timed_estimates: estimates over time, None if
+    the method needs the whole recording; intervals: changepoint → [s] between which it lies with probability
+    0.9; probabilities: changepoint → the probability stated for it; phases: (p,) [s] where one phase ends and
+    the next begins, None if the method finds none.
     """
 
     changepoints: tuple[float, ...]
@@ -80,7 +80,7 @@ class StatedProbability(NamedTuple):
 
 
 class Hit(NamedTuple):
-    """A true point that was found, and how much later than it is."""
+    """A true point that was found, and the delay of the changepoint after it."""
 
     kind: str
     offset_s: float
@@ -95,7 +95,7 @@ class Miss(NamedTuple):
 
 
 class FalseAlarm(NamedTuple):
-    """A changepoint that belongs to nothing: within which true class, between which found ones."""
+    """A changepoint without a true point: its true class, and the found classes on both sides."""
 
     within: str
     between: str
@@ -213,7 +213,7 @@ def _match(points: Sequence[TrueChangepoint], times: Sequence[float]) -> Matchin
 
 
 def class_accuracy(one: Score) -> float:
-    """Share of the time with a known class that has the right one; nan where there is none."""
+    """Return the share of the time with a known class that has the right one; nan without such time."""
     total = sum(one.confusion.values())
     right = sum(s for (true, found), s in one.confusion.items() if true == found)
     return right / total if total else float("nan")
@@ -268,7 +268,7 @@ def _with_delays(
 def _intervals(
     pairs: Sequence[tuple[TrueChangepoint, float]], stated: Mapping[float, tuple[float, float]]
 ) -> tuple[tuple[float, bool], ...]:
-    """Length [s] of each interval that a hit was stated with, and whether the true time lies in it."""
+    """Return the length [s] of the stated interval of each hit, and whether it contains the true time."""
     return tuple(
         (stated[t][1] - stated[t][0], stated[t][0] <= point.nearest_s(t) <= stated[t][1])
         for point, t in pairs
@@ -299,13 +299,13 @@ def _stated_classes(
 
 
 def _pairs(matching: Matching) -> list[tuple[int, int]]:
-    """Each true point that was found, with its changepoint."""
+    """Return each found true point with its changepoint."""
     hits = set(matching.hits.tolist())
     return [(i, j) for j, i in enumerate(matching.partner.tolist()) if i in hits]
 
 
 def _stretched_to(parts: Sequence[FoundSegment], window: tuple[float, float]) -> list[FoundSegment]:
-    """Parts that reach from one end of the window to the other: filters need a little before they begin."""
+    """Return parts extended to the ends of the window, because filters begin a little later."""
     filled = list(parts)
     if filled:
         filled[0] = replace(filled[0], t0=min(filled[0].t0, window[0]))
@@ -314,18 +314,18 @@ def _stretched_to(parts: Sequence[FoundSegment], window: tuple[float, float]) ->
 
 
 def _classified_spans(truth: Truth) -> list[Labelled]:
-    """Return the spans without what lies between the two accepted times of a point."""
+    """Return the spans without the time between the two accepted times of a point."""
     return _without(truth, [(min(p.accepted_s), max(p.accepted_s)) for p in truth.points])
 
 
 def _inside_tolerance(truth: Truth) -> list[Labelled]:
-    """The spans without what lies within tolerance of a major point, where the class itself is uncertain."""
+    """Return the spans without the times within tolerance of a major point, whose class is uncertain."""
     around = [(p, 0.0 if p.optional else p.tolerance_s) for p in truth.points]
     return _without(truth, [(min(p.accepted_s) - s, max(p.accepted_s) + s) for p, s in around])
 
 
 def _without(truth: Truth, holes: Sequence[tuple[float, float]]) -> list[Labelled]:
-    """Return what the holes [s] leave of the spans; a hole without length leaves all."""
+    """Return the spans without the holes [s]; a hole of length 0 has no effect."""
     spans = [Labelled(s.t0, s.t1, s.kind) for s in truth.spans]
     for left, right in holes:
         if left < right:
@@ -339,7 +339,7 @@ def _overlap_s(part: FoundSegment, one: MeasuredQuantity) -> float:
 
 
 def _load_errors(loads: Sequence[MeasuredQuantity], parts: Sequence[FoundSegment]) -> tuple[float, ...]:
-    """Absolute error [kg] of each load that was weighed: mean over the carried parts, weighted by time."""
+    """Return the absolute error [kg] of each found load: mean over the carried parts, weighted by time."""
     errors = []
     for load in loads:
         weighed = [
@@ -354,7 +354,7 @@ def _load_errors(loads: Sequence[MeasuredQuantity], parts: Sequence[FoundSegment
 
 
 def _force_errors(forces: Sequence[MeasuredQuantity], parts: Sequence[FoundSegment]) -> tuple[float, ...]:
-    """Absolute error [N] of each pressing force that was noticed: the largest that its parts end with."""
+    """Return the absolute error [N] of each found pressing force: the largest at the end of its parts."""
     errors = []
     for force in forces:
         pressed = [
@@ -368,9 +368,10 @@ def _force_errors(forces: Sequence[MeasuredQuantity], parts: Sequence[FoundSegme
 
 
 def _screw_errors(screws: Sequence[ScrewStroke], parts: Sequence[FoundSegment]) -> list[tuple[float, float]]:
-    """Angle [°] between true and found axis, and relative error of the advance, of each screw noticed.
+    """Return the angle [°] between true and found axis, and the relative error of the advance, of each found
+    screw.
 
-    A screw is read from the part with a screw motion that shares most time with its stroke.
+    The found screw is the part with a screw motion that has the most time in common with its stroke.
     """
     errors = []
     for true in screws:
@@ -401,7 +402,7 @@ def _true_kind(truth: Truth, t: float) -> str:
 
 
 def _between(parts: Sequence[FoundSegment], t: float) -> str:
-    """The classes of the parts that meet closest to t."""
+    """Return the classes of the parts that meet closest to t, as text."""
     if len(parts) < 2:
         return "–"
     at = min(range(1, len(parts)), key=lambda i: abs(parts[i].t0 - t))

@@ -1,4 +1,4 @@
-"""A recording as poorer sensors and clocks would have made it: slower, with noise, steps and delays."""
+"""Degrades a recording as poorer sensors and clocks would: lower rate, noise, steps and delays."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def _as_recorded(recording: Recording, _: np.random.Generator) -> Recording:
 
 
 def _begun_later(later_s: float, recording: Recording, _: np.random.Generator) -> Recording:
-    """Leave out the first samples: the grid begins with the first one, and so with another phase."""
+    """Leave out the first samples, which changes the phase of the grid."""
     first = int(np.searchsorted(recording.t, recording.t[0] + later_s))
     return rows_of(recording, np.arange(first, len(recording.t)))
 
@@ -52,19 +52,19 @@ def _in_steps(signals: Sequence[str], step: float, recording: Recording, _: np.r
 
 
 def _late_wrench(delay_s: float, recording: Recording, _: np.random.Generator) -> Recording:
-    """Show the wrench of a time ago."""
+    """Delay the wrench."""
     rows = np.searchsorted(recording.t, recording.t - delay_s - ROUNDED_S)
     return _changed(recording, WRENCH, lambda values: values[rows])
 
 
 def _with_drift(drift_n: float, recording: Recording, _: np.random.Generator) -> Recording:
-    """Let each axis of the force drift evenly from beginning to end."""
+    """Let each axis of the force drift linearly from beginning to end."""
     share = (recording.t - recording.t[0]) / max(float(np.ptp(recording.t)), 1e-9)
     return _changed(recording, ("force",), lambda values: values + drift_n * share[:, None])
 
 
 def _with_jitter(deviation_s: float, recording: Recording, rng: np.random.Generator) -> Recording:
-    """Let the time of each sample be off, by an autoregression with a memory of `JITTER_S`."""
+    """Add autoregressive errors with a time constant of `JITTER_S` to the times of samples."""
     steps = np.diff(recording.t, prepend=recording.t[0])
     kept = np.exp(-np.maximum(steps, 0.0) / JITTER_S)
     off, fresh = np.zeros(len(kept)), rng.standard_normal(len(kept))
@@ -74,7 +74,7 @@ def _with_jitter(deviation_s: float, recording: Recording, rng: np.random.Genera
 
 
 def _with_stalls(duration_s: float, recording: Recording, rng: np.random.Generator) -> Recording:
-    """Let the pose stand still for a while, `STALLS_PER_S` times a second at random."""
+    """Let the pose freeze for a while, `STALLS_PER_S` times a second at random."""
     first, last = float(recording.t[0]), float(recording.t[-1])
     measured_s = recording.t.copy()
     for begun in rng.uniform(first, last, rng.poisson(STALLS_PER_S * (last - first))):
@@ -92,7 +92,7 @@ def _with_held_pose(read_hz: float, recording: Recording, _: np.random.Generator
 
 
 def _read(recording: Recording, times: Array, names: Iterable[str]) -> dict[str, Array]:
-    """Return signals as of other times [s] within the recording, where it has them."""
+    """Return the existing signals at other times [s] within the recording."""
     within = np.clip(times, recording.t[0], recording.t[-1])
     return {
         name: values_at(within, recording.t, recording.signals[name], name)
@@ -102,7 +102,7 @@ def _read(recording: Recording, times: Array, names: Iterable[str]) -> dict[str,
 
 
 def rows_of(recording: Recording, rows: NDArray[np.int64]) -> Recording:
-    """Return a recording of these samples alone."""
+    """Return a recording of only these samples. rows: their indices."""
     signals = {name: values[rows] for name, values in recording.signals.items()}
     return replace(recording, t=recording.t[rows], signals=signals)
 

@@ -12,11 +12,11 @@ WITH_HAND = "flange_sensor_with_hand"
 
 
 def with_declarations(recording: Recording, truth: Truth) -> Recording:
-    """Add what the annotation declares of wrench and hand where the recording states nothing.
+    """Add the annotation's declarations on wrench and hand if the recording states none.
 
     An annotation with the hand in the wrench turns `flange_sensor`, stated or not, into
-    `flange_sensor_with_hand`. One that says the hand is not in it declares `flange_sensor` where no source is
-    stated, and that no hand is on the robot where the wrench is an estimate.
+    `flange_sensor_with_hand`. An annotation without the hand in the wrench declares `flange_sensor` if no
+    source is stated, and that no hand is on the robot if the wrench is an estimate.
     """
     source: str | None = recording.wrench_source or truth.wrench_source
     hand: str = recording.hand_on_robot

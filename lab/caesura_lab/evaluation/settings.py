@@ -1,4 +1,4 @@
-"""Choose the settings of baselines on the simulated teacher; `chosen` holds the result.
+"""Chooses the settings of baselines on the simulated teacher; `chosen_settings` holds the result.
 
     python -m caesura_lab.evaluation.settings --seeds 20 --first-seed 500
 
@@ -157,7 +157,7 @@ def demonstration_of(case: Case) -> Demonstration:
 
 
 def lines(choices: Sequence[ChosenSettings]) -> Iterator[str]:
-    """Write the table of `chosen`, one assignment a line."""
+    """Yield the table of `chosen_settings`, one assignment per line."""
     for choice in choices:
         yield f"{choice.name} = {choice.settings!r}  # F1 {choice.f1:.3f}, the best of {choice.tried}"
 

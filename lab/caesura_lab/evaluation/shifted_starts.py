@@ -1,6 +1,6 @@
-"""A demonstration begun a moment later: its observations, ten a second, then lie elsewhere.
+"""Demonstrations that begin a moment later, so that their observations, ten a second, are at other times.
 
-Nothing in a demonstration says where they lie. What a result owes to that is chance.
+The phase of the observations is arbitrary, so a result should not depend on it.
 """
 
 from __future__ import annotations

@@ -55,14 +55,14 @@ class Case(Protocol):
 
     @property
     def group(self) -> str:
-        """Name the set that it belongs to: results are compared set by set."""
+        """Return the set of the case: results are compared set by set."""
 
     def load(self) -> tuple[Recording, Truth]:
-        """Read or simulate it. Raises TruthError or RecordingError."""
+        """Read or simulate the recording and its truth. Raises TruthError or RecordingError."""
 
 
 class ReadingOptions(NamedTuple):
-    """The names and units that files do not state, as `load_recording` takes them."""
+    """Names and units that files do not state, as arguments of `load_recording`."""
 
     mapping: Path | None = None
     force_frame: str | None = None
@@ -78,7 +78,7 @@ AS_STATED = ReadingOptions()
 
 @dataclass(frozen=True)
 class FileCase:
-    """A recording in a file. annotation: where its truth stands, None for beside the recording."""
+    """A recording in a file. annotation: file of its truth, None for the one beside the recording."""
 
     path: Path
     annotation: Path | None = None
@@ -86,7 +86,7 @@ class FileCase:
 
     @property
     def name(self) -> str:
-        """The file's."""
+        """The name of the file."""
         return self.path.name
 
     @property
@@ -148,7 +148,7 @@ class SimulatedDemonstration:
 
     @property
     def name(self) -> str:
-        """Enough to simulate it again."""
+        """A name from which the demonstration can be simulated again."""
         robot = "" if self.robot is None else f"-{self.robot}"
         hand = "-hand" if self.hand else ""
         return f"{self.scenario}-{self.seed}-{self.profile}{robot}{hand}"
@@ -164,7 +164,7 @@ class SimulatedDemonstration:
         return self.scenario
 
     def load(self) -> tuple[Recording, Truth]:
-        """Simulate it."""
+        """Simulate the recording and its truth."""
         # Pinocchio takes a second to load: only for who teaches.
         from caesura_lab.teacher.simulated_teaching import teach  # noqa: PLC0415
 
@@ -181,7 +181,7 @@ class SimulatedDemonstration:
 
 @dataclass(frozen=True)
 class ChangedCase(ABC):
-    """A case of which one thing is changed; condition: what. Where results are shown by robot, it is one."""
+    """A case with one change; condition: its name, by which results are grouped as by robot."""
 
     case: Case
     condition: str
@@ -211,7 +211,7 @@ class ChangedCase(ABC):
 
 
 def _in_metres(recording: Recording) -> Recording:
-    """The recording with its positions in metres, whatever unit the file has."""
+    """Return the recording with its positions in metres."""
     if "pos" not in recording.signals:
         return recording
     positions = METRES[recording.length_unit] * recording.signals["pos"]
@@ -219,9 +219,9 @@ def _in_metres(recording: Recording) -> Recording:
 
 
 class PoorerCase(ChangedCase):
-    """A case whose recording is changed as of one of CONDITIONS; its truth stays.
+    """A case with the sensors of one of CONDITIONS and unchanged truth.
 
-    Random numbers depend on the recording's name alone.
+    Random numbers depend only on the recording's name.
     """
 
     def _changed(self, recording: Recording, truth: Truth) -> tuple[Recording, Truth]:
@@ -230,21 +230,21 @@ class PoorerCase(ChangedCase):
 
 
 class OtherTempoCase(ChangedCase):
-    """A case that takes longer or shorter, or whose path is larger or smaller, as of one of TEMPI."""
+    """A case with another duration or path size, by one of TEMPI."""
 
     def _changed(self, recording: Recording, truth: Truth) -> tuple[Recording, Truth]:
         return in_tempo(recording, truth, self.condition)
 
 
 class WindowCase(ChangedCase):
-    """A case of which a part is left, as of one of WINDOWS."""
+    """A part of a case, by one of WINDOWS."""
 
     def _changed(self, recording: Recording, truth: Truth) -> tuple[Recording, Truth]:
         return in_window(recording, truth, self.condition)
 
 
 class LaterCase(ChangedCase):
-    """A case that begins a moment later, as of one of STARTS."""
+    """A case with a later start, by one of STARTS."""
 
     def _changed(self, recording: Recording, truth: Truth) -> tuple[Recording, Truth]:
         return begun(recording, truth, self.condition)
@@ -265,27 +265,27 @@ class SuiteOptions:
 
 
 def suite(name: str, extent: SuiteOptions) -> list[Case]:
-    """The cases of a suite. Raises TruthError for one that does not exist or is empty."""
+    """Return the cases of a suite. Raises TruthError for an unknown or empty one."""
     if name not in SUITES:
         raise TruthError(f"no suite {name!r}, known: {list(SUITES)}")
     return SUITES[name](extent)
 
 
 def teacher(extent: SuiteOptions) -> list[Case]:
-    """Every basic scenario by `seeds` people; a third of them each moves by each profile.
+    """Return every basic scenario by `seeds` persons; a third of the persons use each motion profile.
 
-    Seed 0, the thesis' own person, is left out: it was looked at while the models were made.
+    Seed 0, the thesis' person, is left out, because it was used during the development of the models.
     """
     return _taught(BASIC, extent)
 
 
 def skills(extent: SuiteOptions) -> list[Case]:
-    """Every scenario that turns the tool, goes in circles or repeats strokes, by people as of `teacher`."""
+    """Return every scenario with turns, circles or repeated strokes, by persons as in `teacher`."""
     return _taught(SKILLS, extent)
 
 
 def hand(extent: SuiteOptions) -> list[Case]:
-    """Wiping and every scenario of `skills`, with the guiding hand in the wrench: contact is off."""
+    """Return wiping and the scenarios of `skills`, with the guiding hand in the wrench: contact is off."""
     return _taught(("wiping", *SKILLS), extent, hand=True)
 
 
@@ -299,14 +299,14 @@ def _taught(scenarios: Iterable[str], extent: SuiteOptions, *, hand: bool = Fals
 
 
 def files(paths: Sequence[Path], reading: ReadingOptions = AS_STATED) -> list[Case]:
-    """Recordings by name, each once; a directory that is no rosbag2 stands for all annotated ones in it."""
+    """Return recordings by name, each once; a directory that is no rosbag2 adds all annotated ones in it."""
     named = [file for path in paths for file in (directory(path) if _holds_recordings(path) else [path])]
     once = {os.path.abspath(file): file for file in named}
     return [FileCase(file, reading=reading) for file in once.values()]
 
 
 def directory(path: Path) -> list[Path]:
-    """Every annotated recording of a directory. Raises TruthError where there is none."""
+    """Return every annotated recording of a directory. Raises TruthError if there is none."""
     if not (found := _annotated(path)):
         raise TruthError(f"{path}: no annotated recording, expected x.npz or x.csv with x{SUFFIX} beside it")
     return found
@@ -317,7 +317,7 @@ def _holds_recordings(path: Path) -> bool:
 
 
 def real(extent: SuiteOptions) -> list[Case]:
-    """Return the openly annotated recordings that lie in the directory, and those annotated beside them.
+    """Return the openly annotated recordings in the directory, and those with an annotation beside them.
 
     Raises TruthError where there is neither, or where an annotation does not name its recording.
     """
@@ -344,7 +344,7 @@ def _under_each(
 
 
 def missing_recordings(name: str | None, extent: SuiteOptions) -> list[str]:
-    """Return a note on every openly annotated recording that is not there, so that a suite leaves it out.
+    """Return a note on every openly annotated recording that is missing, so that a suite leaves it out.
 
     name: of the suite, None where files are judged.
     """

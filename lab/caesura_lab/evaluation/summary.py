@@ -1,8 +1,8 @@
-"""Many scores of one method made into numbers with intervals.
+"""Summarises the scores of one method as numbers with intervals.
 
 Counts are pooled over recordings, so a long recording weighs more than a short one. Intervals are percentile
-bootstrap over recordings (Efron & Tibshirani 1993, chapter 13): what another draw of people and tasks would
-have given, not another draw of points.
+bootstrap over recordings (Efron & Tibshirani 1993, chapter 13): they describe another sample of persons and
+tasks, not of points.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ COVERAGE = 0.95
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value and its interval; n: on how many things it rests. A value of nan: there were none."""
+    """A value and its interval; n: number of cases. A value of nan: no cases."""
 
     value: float
     low: float
@@ -32,7 +32,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Measure:
-    """A column of the tables: its name, unit, and whether more of it is better."""
+    """A column of the tables: its name, unit, and whether a larger value is better."""
 
     name: str
     unit: str
@@ -47,7 +47,7 @@ def summarise(
     seed: int = 0,
     only: Collection[str] | None = None,
 ) -> dict[str, Estimate]:
-    """Every measure of one method's scores, with its interval. The same scores give the same numbers.
+    """Return every measure of one method's scores, with its interval; deterministic.
 
     only: names of measures, None for all.
     """
@@ -63,9 +63,10 @@ def margins(
     seed: int = 0,
     only: Collection[str] | None = None,
 ) -> dict[str, Estimate]:
-    """Return by how much one method exceeds another in every measure, on the recordings that both have.
+    """Return the difference between two methods in every measure, on their common recordings.
 
-    Both are resampled alike: a recording that is hard for both widens no interval. only: as for `summarise`.
+    Both have the same resamples, so that a recording that is hard for both does not widen the interval. only:
+    as for `summarise`.
     """
     own_by_recording, other_by_recording = (
         {score.recording: score for score in scores} for scores in (own, others)
@@ -93,7 +94,7 @@ def _weights(n: int, resamples: int, seed: int) -> Array:
 
 
 def _estimate(values: Array, n: int) -> Estimate:
-    """The first value is that of the recordings themselves, all others are of resamples."""
+    """Return an estimate: the first value is that of the recordings, all others are of resamples."""
     sound = values[1:][np.isfinite(values[1:])]
     if n == 0 or not sound.size:
         return Estimate(float("nan"), float("nan"), float("nan"), n)
@@ -104,7 +105,7 @@ def _estimate(values: Array, n: int) -> Estimate:
 def _ratio(
     parts: Callable[[Score], tuple[float, float]],
 ) -> Callable[[Sequence[Score], Array], tuple[Array, int]]:
-    """Sum over recordings of the first part over the sum of the second."""
+    """Return a function for the sum over recordings of the first part over the sum of the second."""
 
     def estimates_of(scores: Sequence[Score], weights: Array) -> tuple[Array, int]:
         counts = np.array([parts(score) for score in scores], dtype=float)  # (n, 2)
@@ -118,7 +119,7 @@ def _ratio(
 def _quantile(
     values: Callable[[Score], Sequence[float]], share: float
 ) -> Callable[[Sequence[Score], Array], tuple[Array, int]]:
-    """The value that a share of all values of all recordings do not exceed."""
+    """Return a function for the quantile of all values of all recordings."""
 
     def estimates_of(scores: Sequence[Score], weights: Array) -> tuple[Array, int]:
         pooled = [(value, i) for i, score in enumerate(scores) for value in values(score)]

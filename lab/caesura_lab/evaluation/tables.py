@@ -35,7 +35,7 @@ TYPICAL = 8  # so many lines of each list of errors
 
 @dataclass(frozen=True)
 class Grid:
-    """A table as text: a row has one cell a heading, the first is its name."""
+    """A table as text: each row has one cell per heading; the first is its name."""
 
     title: str
     headings: tuple[str, ...]
@@ -86,7 +86,7 @@ def _pooled(section: SlackSection, layout: str) -> Iterator[Grid]:
 
 
 def _sets(section: SlackSection, layout: str) -> Iterator[Grid]:
-    """One table a set; its last columns say by how much the first method is ahead of each other one."""
+    """Yield one table per set; its last columns are the margins over each other method."""
     headings = ("method", *(c.heading for c in (*IN_SETS, *SET_MARGINS)))
     for name, compared in section.sets.items():
         rows = tuple(
@@ -102,7 +102,7 @@ def _sets(section: SlackSection, layout: str) -> Iterator[Grid]:
 
 
 def with_slack(slack_s: float) -> str:
-    """Return how tolerances are read, for a title: `no slack` or `0.2 s of slack`."""
+    """Return the slack of tolerances as text for a title: `no slack` or `0.2 s of slack`."""
     return f"{slack_s:g} s of slack" if slack_s else "no slack"
 
 
@@ -163,7 +163,7 @@ def _groups(judged: MethodReport) -> Grid:
 
 
 def _worst(judged: MethodReport) -> Grid:
-    """The recordings on which it does worst, to be looked at first."""
+    """Return a table of the recordings with the worst scores."""
 
     def rank(score: Score) -> tuple[float, str]:
         return f1(score.hits, score.false_alarms, score.misses), score.recording
@@ -182,7 +182,7 @@ def _worst(judged: MethodReport) -> Grid:
 
 
 def _confusion(judged: MethodReport) -> Grid:
-    """Return a table: of the time that each row's class took, the share that was given the column's class."""
+    """Return a table with the share of time of each row's class that was given the column's class."""
     seconds = judged.faults.confusion
     columns = [kind for kind in (*KINDS, "none") if any(found == kind for _, found in seconds)]
     rows = []
@@ -204,7 +204,7 @@ def _notes(report: Report) -> list[str]:
 
 
 def rich_grid(grid: Grid) -> list[RenderableType]:
-    """A grid for a terminal: its title, and the table."""
+    """Return a grid for a terminal: its title, and the table."""
     table = Table(padding=(0, 1, 0, 0), box=None)
     for i, heading in enumerate(grid.headings):
         table.add_column(Text(heading), justify="right" if i else "left", no_wrap=not i)
@@ -214,7 +214,7 @@ def rich_grid(grid: Grid) -> list[RenderableType]:
 
 
 def markdown_grid(grid: Grid) -> str:
-    """A grid for a page: its title, and the table."""
+    """Return a grid as Markdown: its title, and the table."""
     lines = [_line(grid.headings), _line(["---"] + ["---:"] * (len(grid.headings) - 1))]
     return "\n".join([f"{grid.title}\n", *lines, *map(_line, grid.rows)])
 

@@ -1,4 +1,6 @@
-"""A demonstration as people of other habits would have given it: slower or faster, smaller or larger."""
+"""Changes the tempo and size of a demonstration, as persons with other habits would: slower, faster,
+smaller, larger.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +23,10 @@ TEMPI: Mapping[str, tuple[float, float]] = {
 
 
 def in_tempo(recording: Recording, truth: Truth, tempo: str) -> tuple[Recording, Truth]:
-    """Return recording and truth in one of TEMPI; the wrench stays, joints of a path of another size go.
+    """Return recording and truth in one of TEMPI; the wrench is unchanged, joints of a scaled path are
+    removed.
 
-    Joints without positions are the path themselves.
+    Joints without positions are the path, and are scaled.
     """
     duration, size = TEMPI[tempo]
     begun = float(recording.t[0])

@@ -31,7 +31,7 @@ class PiecewiseLinear(BaseCost):  # type: ignore[misc]
     min_size = LEAST_OBSERVATIONS
 
     def fit(self, signal: Array) -> PiecewiseLinear:
-        """Sum up 1, t, t², y, y², ty."""
+        """Compute cumulative sums of 1, t, t², y, y², ty."""
         self.signal = signal - signal.mean(axis=0)
         time = np.arange(len(signal), dtype=float)[:, None]
         columns = (time, time**2, self.signal, self.signal**2, time * self.signal)
@@ -39,7 +39,7 @@ class PiecewiseLinear(BaseCost):  # type: ignore[misc]
         return self
 
     def error(self, start: int, end: int) -> float:
-        """Cost of observations start to end (exclusive)."""
+        """Return the cost of observations start to end (exclusive)."""
         t, tt, y, yy, ty = (sums[end] - sums[start] for sums in self._sums)
         n = end - start
         spread = tt - t * t / n

@@ -2,7 +2,8 @@
 
     python -m caesura_lab.evaluation.truth_density teacher --seeds 12 --first-seed 4201
 
-A judge that leaves less open than the annotators of real recordings do is stricter than they are.
+A simulated truth with fewer optional points than annotations of real recordings would make the judge
+stricter.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from caesura_lab.evaluation.suites import SUITES, SuiteOptions, suite
 
 
 def density(truths: Iterable[Truth]) -> tuple[float, float]:
-    """Counted and optional points a second [1/s], over all windows together."""
+    """Return the number of counted and of optional points per second [1/s], over all windows together."""
     counted, optional, seconds = 0, 0, 0.0
     for truth in truths:
         first, last = truth.window
@@ -27,7 +28,7 @@ def density(truths: Iterable[Truth]) -> tuple[float, float]:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Print both. Raises TruthError for a suite that is empty."""
+    """Print both numbers. Raises TruthError for an empty suite."""
     parser = ArgumentParser(description="Points a second in the truth of a suite.")
     parser.add_argument("suite", choices=sorted(SUITES))
     parser.add_argument("--seeds", type=int, default=5, help="People a scenario.")

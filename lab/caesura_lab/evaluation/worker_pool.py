@@ -1,4 +1,4 @@
-"""The same work on many items, in processes."""
+"""Applies a function to many items, in processes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def each(work: Callable[[Item], Made], items: Sequence[Item], *, workers: int = 
 
 
 def _end_with_parent() -> None:
-    """End this worker as soon as its parent is gone, however that ended."""
+    """End this worker as soon as its parent process has ended."""
     parent = parent_process()
     if parent is not None:
         Thread(target=_exit_after, args=(parent.sentinel,), daemon=True).start()

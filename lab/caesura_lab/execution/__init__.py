@@ -1,1 +1,1 @@
-"""Task programs on a robot: what can be run (`check`), and a simulated robot that runs it (`executor`)."""
+"""Runs task programs: checks before a run (`checks`), and a simulated robot (`executor`)."""

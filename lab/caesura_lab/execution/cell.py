@@ -1,6 +1,6 @@
-"""The limits and place of a robot that runs a program: one table for check, executor and exporters.
+"""The limits and surroundings of a robot that runs a program: one table for check, executor and exporters.
 
-The same numbers stand at the top of an exported script (`caesura_protocol.programs.safety`).
+The same numbers are at the top of an exported script (`caesura_protocol.programs.safety`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from caesura_protocol.programs.safety import DEFAULT, Safety
 class Cell:
     """The place where a program is run: limits, obstacles, and the robot's start.
 
-    start: flange [m], None where it is not known; obstacles: from their surface down to the floor.
+    start: flange [m], None if unknown; obstacles: from their surface down to the floor.
     """
 
     safety: Safety = DEFAULT

@@ -1,4 +1,4 @@
-"""The world of a scenario: what stands there, and the object that can be gripped. Fingers move in it."""
+"""Simulates the surroundings of a scenario: obstacles, the graspable object, and the fingers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SETTLED_M = 1e-4
 
 @dataclass(frozen=True)
 class GraspableObject:
-    """An object that stands on a surface: where the flange grips it (3,) [m], how wide and heavy it is."""
+    """An object on a surface: its grasp position of the flange (3,) [m], its width and its weight."""
 
     place: Vector
     width_m: float
@@ -29,7 +29,7 @@ class CellSimulation:
     """Obstacles, the graspable object and the fingers. A released object stays where it is."""
 
     def __init__(self, scenario: Scenario, load_kg: float, width_m: float | None = None) -> None:
-        """load_kg, width_m: of the object that is gripped; None for the usual width."""
+        """load_kg, width_m: of the grasped object; None for the usual width."""
         self.surfaces: tuple[Surface, ...] = scenario.surfaces
         self.start: Vector = scenario.start
         self._object = _object_of(scenario, load_kg, WIDTH_OBJECT_M if width_m is None else width_m)
@@ -43,7 +43,9 @@ class CellSimulation:
         return abs(self.width_m - self._goal_m) < SETTLED_M
 
     def send_fingers(self, width_m: float, speed_m_per_s: float) -> None:
-        """Move the fingers towards a width [m]; what is between them stops them, and opening lets it go."""
+        """Move the fingers towards a width [m]; an object between them stops them, and opening releases
+        it.
+        """
         self._goal_m, self._speed = width_m, speed_m_per_s
 
     def tick(self, flange: Array, dt: float) -> None:
@@ -62,12 +64,12 @@ class CellSimulation:
             self.held_kg = graspable.kg
 
     def cell(self, safety: Safety = DEFAULT) -> Cell:
-        """Return the cell that a check is made for."""
+        """Return the cell for a check."""
         return Cell(safety, self.surfaces, self.start)
 
 
 def _object_of(scenario: Scenario, load_kg: float, width_m: float) -> GraspableObject | None:
-    """Return the object that the scenario grips, at its place; None without a grasp."""
+    """Return the object that the scenario grasps, at its place; None without a grasp."""
     place: Vector = scenario.start
     for step in scenario.steps:
         place = step.to or place

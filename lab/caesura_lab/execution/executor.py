@@ -1,7 +1,7 @@
-"""Run a program on the simulated robot, and record what a bridge would have recorded.
+"""Runs a program on the simulated robot, and records the samples that a bridge would record.
 
-Apps follow each other as they were taught, with their times and the pauses between them. What cannot be done
-stops the robot, and the run says which app it was and why.
+Apps follow each other as they were taught, with their times and the pauses between them. If an app cannot be
+executed the robot stops, and the result states the app and the reason.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ START_M = 0.02  # from home, up to which a program is begun where it was taught 
 
 @dataclass(frozen=True)
 class SimulatedCell:
-    """A simulated cell: what is taught there, and whose object and sensors they are.
+    """A simulated cell: its scenario, and the person whose object and sensors it has.
 
-    load_kg, width_m: of the object that is gripped; None for the person's own, and the usual width.
+    load_kg, width_m: of the grasped object; None for the person's own, and the usual width.
     """
 
     scenario: Scenario
@@ -81,9 +81,9 @@ def execute(
     robot: Robot | None = None,
     gripper: GripperDescription | None = None,
 ) -> RunResult:
-    """Check a program against its cell, and run it. Raises RefusedError where it must not be run.
+    """Check a program against its cell, and run it. Raises RefusedError if the check fails.
 
-    gripper: that runs it; None: fingers within the limits of the cell.
+    gripper: the gripper to use; None: fingers within the limits of the cell.
     """
     robot = robot or load_panda()
     report = check(apps, cell.simulation().cell(safety), quality, robot, gripper)
@@ -95,7 +95,7 @@ def execute(
 def run(
     apps: Sequence[App], cell: SimulatedCell, safety: Safety = DEFAULT, robot: Robot | None = None
 ) -> RunResult:
-    """Run apps that a check has passed; the same arguments give the same bytes."""
+    """Run checked apps; the same arguments give the same bytes."""
     robot = robot or load_panda()
     world = cell.simulation()
     world.start = _start_position(apps, world.start)

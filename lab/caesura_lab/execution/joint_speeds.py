@@ -1,4 +1,4 @@
-"""The speeds of an arm's joints on a path: the fastest joint, beside its limit."""
+"""The speeds of an arm's joints on a path: the fastest joint, with its limit."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ class JointSpeed(NamedTuple):
 
     @property
     def share(self) -> float:
-        """Share of the limit."""
+        """The speed as a share of the joint's limit."""
         return self.rad_per_s / self.limit_rad_per_s
 
     @property
     def slower(self) -> float:
-        """Factor of time, 1 or more, with which the joint keeps to `JOINT_SHARE` of its limit."""
+        """The factor of time, 1 or more, with which the joint keeps `JOINT_SHARE` of its limit."""
         return max(1.0, self.share / JOINT_SHARE)
 
 
@@ -48,7 +48,7 @@ def _least_energy(arm: HandDynamics) -> Array:
 def fastest_joint(robot: Robot, path: Curve, q: Array) -> JointSpeed:
     """Return the joint with the largest share of its speed limit on a path from q (n,) [rad].
 
-    An arm with more than six joints may move its elbow on the way. It is looked at twice, with the least
+    An arm with more than six joints may move its elbow on the way. It is computed twice, with the least
     motion of the joints, q̇ = J⁺ twist, and with the least kinetic energy, q̇ = M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ twist
     (Khatib 1987). A controller that holds the elbow by a spring lies between the two.
     """
@@ -59,7 +59,7 @@ def fastest_joint(robot: Robot, path: Curve, q: Array) -> JointSpeed:
 
 
 def _peaks(robot: Robot, path: Curve, q: Array, inverse_of: Callable[[HandDynamics], Array]) -> Array:
-    """Largest speed (n,) [rad/s] of each joint."""
+    """Return the largest speed (n,) [rad/s] of each joint."""
     peaks = np.zeros(robot.joints)
     for t in np.arange(0.0, float(path.t[-1]), LOOK_S):
         v = inverse_of(robot.hand_dynamics(q)) @ _twist(path, float(t))
@@ -69,7 +69,7 @@ def _peaks(robot: Robot, path: Curve, q: Array, inverse_of: Callable[[HandDynami
 
 
 def _twist(path: Curve, t: float) -> Array:
-    """Twist (6,) [m/s], [rad/s] of the flange on a path; without orientation it does not turn."""
+    """Return the twist (6,) [m/s], [rad/s] of the flange on a path; without orientation it does not turn."""
     value, velocity, _ = path.at(t)
     turning = turning_of(value[3:], velocity[3:], np.zeros(4))[0] if len(value) == 7 else np.zeros(3)
     return np.concatenate([velocity[:3], turning])

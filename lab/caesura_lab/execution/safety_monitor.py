@@ -1,7 +1,7 @@
-"""Looks at every tick whether the robot is within its limits, and stops it with the reason if it is not.
+"""Checks at every tick that the robot is within its limits, and otherwise stops it with the reason.
 
-It stops before a limit: a little before those of speed and force, and where place or joints would pass their
-limits in the time that it takes to brake.
+It stops before a limit: slightly below those of speed and force, and if position or joints would pass their
+limits within the braking time.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class RobotStopped(Exception):  # noqa: N818  (a stop is no error of the program
 
 
 class SafetyMonitor:
-    """Compares every measurement of a run with the limits of speed, force, place and joints."""
+    """Compares every measurement of a run with the limits of speed, force, position and joints."""
 
     def __init__(self, arm: SimulatedArm, safety: Safety) -> None:
         self._safety = safety
@@ -59,5 +59,5 @@ class SafetyMonitor:
 
 
 def _ahead(values: Sequence[float], rates: Sequence[float]) -> list[float]:
-    """Values after the time that it takes to brake."""
+    """Return the values after the braking time."""
     return [value + BRAKING_S * rate for value, rate in zip(values, rates, strict=True)]

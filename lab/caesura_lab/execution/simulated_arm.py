@@ -1,8 +1,8 @@
 """A simulated arm under Cartesian impedance, in the world of a scenario, tick by tick at 1 kHz.
 
 The arm, its friction and the surfaces are those of the simulated teacher (`guided_arm`, `fingertip_contact`).
-In place of a hand a controller moves it: stiffness and damping about a setpoint, and a force of its own. It
-feeds the inertia at the flange forward (Khatib 1987: Λ (a − J̇ v) with Λ = (J M⁻¹ Jᵀ)⁻¹), and makes up for
+Instead of a hand a controller moves it: stiffness and damping about a setpoint, and an additional force. It
+feeds forward the inertia at the flange (Khatib 1987: Λ (a − J̇ v) with Λ = (J M⁻¹ Jᵀ)⁻¹), and compensates
 most of the joints' friction and damping. Along the direction in which a force is controlled there is no
 stiffness.
 """
@@ -51,7 +51,7 @@ _NOTHING.setflags(write=False)
 
 
 def _nothing() -> Array:
-    """Zeros (3,) that every setpoint shares: a setpoint is made at every tick."""
+    """Return zeros (3,) that all setpoints share, because one is made at every tick."""
     return _NOTHING
 
 
@@ -75,14 +75,16 @@ class Setpoint:
 
     @property
     def still(self) -> Setpoint:
-        """The same place and force, at rest."""
+        """Return the setpoint with the same position and force, at rest."""
         return Setpoint(self.position, self.rotation, push=self.push, along=self.along)
 
 
 class ArmMeasurement(NamedTuple):
-    """The arm after a tick: position (3,) [m], rotation (3, 3) and twist (6,) of the flange, force (3,) [N]
-    that it feels, without the load that is set; joints and their speeds (n,). torque: (3,) [Nm] that it
-    feels about the flange, of the same force and of what resists its turning.
+    """The measured state of the arm after a tick.
+
+    Position (3,) [m], rotation (3, 3) and twist (6,) of the flange; force (3,) [N] without the stated load;
+    joints and their speeds (n,); torque (3,) [Nm] about the flange, of the same force and of the resistance
+    to turning.
     """
 
     position: Array
@@ -164,11 +166,11 @@ class SimulatedArm:
         return self.measured
 
     def fastest_joint(self, path: Curve) -> JointSpeed:
-        """Return the joint with the largest share of its speed limit on a path from here."""
+        """Return the joint with the largest share of its speed limit on a path from the current pose."""
         return fastest_joint(self._robot, path, self._q)
 
     def mass_along(self, direction: Array) -> float:
-        """Return the mass [kg] of the arm at the flange along a direction (3,), where it is."""
+        """Return the arm's effective mass [kg] at the flange along a direction (3,), at its current pose."""
         arm = self._robot.hand_dynamics(self._q)
         joints = arm.jacobian[:3].T @ direction
         return float(1.0 / (joints @ solve(arm.mass_matrix, joints)))
@@ -214,10 +216,10 @@ class SimulatedArm:
         return [fx, fy, fz + GRAVITY * self.load_kg, *torque]
 
     def _feed_forward(self, want: Setpoint, arm: HandDynamics, lever: Vector) -> list[float]:
-        """Return the wrench (6,) that accelerates the arm, with the load that is set, as a setpoint asks for.
+        """Return the wrench (6,) for a setpoint's acceleration of the arm with the stated load.
 
-        Joints that turn evenly accelerate the flange by J̇ v; forces accelerate it by the rest. Along the
-        direction of a controlled force a setpoint asks for no acceleration.
+        Constant joint velocities accelerate the flange by J̇ v; forces must cause the rest. Along the
+        direction of a controlled force the setpoint's acceleration is zero.
         """
         if not (any(want.velocity.tolist()) or any(want.turning.tolist())):
             return [0.0] * 6

@@ -1,7 +1,7 @@
 """The robot's skill for each kind of app. A skill moves the setpoint tick by tick until its app is done.
 
-Movements that a contact ends arrive at their target with the speed of a search, and go on until
-something is felt. In contact the force is controlled along the direction of the press, the place across it.
+Movements that end in a contact reach their target at the search speed, and continue until a contact force is
+measured. In contact the force is controlled along the direction of the press, and the position across it.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class SkillController:
 
     @property
     def felt(self) -> Array:
-        """(3,) [N] that the contact adds to what was felt before it, as a program states its forces."""
+        """The force (3,) [N] of the contact, relative to the force before it, as programs state forces."""
         return self.measured.force - self._free_force
 
     def run(self, app: App, following: App | None) -> None:
@@ -77,7 +77,7 @@ class SkillController:
         _SKILLS[app.kind](self, app, following)
 
     def hold_position(self, seconds: float, force_n: float | None = None) -> None:
-        """Hold the place for some seconds; in contact, with a force [N], by default the present one."""
+        """Hold the position for `seconds`; in contact, with a force [N], by default the current one."""
         if self.contact_direction is not None:
             force_n = self._pressed_n if force_n is None else force_n
             self.press(min(force_n, self.safety.most_force_n), seconds)
@@ -89,8 +89,8 @@ class SkillController:
     def pause(self, seconds: float, following: App | None) -> None:
         """Hold between two apps; the times in which a contact comes to rest and is released are part of it.
 
-        Where a hand crept in a rest to the start of the next path, the setpoint does. On a contact that was
-        just made, the force of the next press rises before that press.
+        If the hand crept to the start of the next path in a rest, so does the setpoint. On a new contact the
+        force of the next press rises before that press.
         """
         path = None if following is None else following.path
         if self.contact_direction is None and path is not None and seconds > 0.0:
@@ -142,8 +142,8 @@ class SkillController:
     def follow_path(self, app: App, *, approach: Array | None = None, passes_on: bool = False) -> None:
         """Follow an app's path.
 
-        With `approach` (3,) until a contact in that direction, past the target if needed. passes_on: the next
-        app goes on from its target without a rest.
+        With `approach` (3,) until a contact in that direction, past the target if needed. passes_on: whether
+        the next app continues from its target without a rest.
         """
         self.release_contact()
         self._free_force = np.zeros(3)
@@ -189,11 +189,11 @@ class SkillController:
     ) -> None:
         """Press along the direction of the contact for some seconds; aside: (3,) [N] across it.
 
-        path: to follow across that direction meanwhile; along it the force decides. The direction turns with
-        the tool. screw: what is turned meanwhile, until it is tight. depth_m: by which what is pressed gives
-        way; it is pushed in with the force alone, and slower towards the bottom. Half of the time is left for
-        what is held there, so pushing in may take half as long again. None for a stroke, which may lead up or
-        down.
+        path: followed meanwhile across that direction; along it the force is controlled. The direction turns
+        with the tool. screw: the screw motion meanwhile, until it is tight. depth_m: depth by which the
+        object yields; it is pushed in by the force alone, and slower towards the bottom. Half of the time
+        remains for holding it there, so pushing in may take half as long again. None for a stroke, which may
+        lead up or down.
         """
         if self.contact_direction is None:
             raise RobotStopped(NOTHING_TO_PRESS)
@@ -239,7 +239,7 @@ class SkillController:
         self.contact_direction, self.setpoint.position = along, self.setpoint.position + deep
 
     def release_contact(self) -> None:
-        """Ramp the contact force down to zero, and hold the place that was reached."""
+        """Reduce the contact force to zero, and hold the reached position."""
         if self.contact_direction is None:
             return
         along, began_n, correction = self.contact_direction, self._pressed_n, self._correction_n
@@ -273,7 +273,7 @@ class SkillController:
         return path if slower == 1.0 else lasting(slower * seconds)
 
     def rest_until(self, begins: ViaPoint | None, force_n: float, seconds: float) -> None:
-        """Press for some seconds, and creep to where the next path begins, as the hand did in the rest."""
+        """Press for `seconds`, and creep to the start of the next path, as the hand did in the rest."""
         here = self.setpoint
         if begins is None or math.dist(begins.position, here.position) > 2.0 * ASTRAY_M or seconds < RISE_S:
             self.hold_position(seconds, force_n)
@@ -281,7 +281,7 @@ class SkillController:
         self.press(force_n, seconds, path=self._way_to(begins, seconds), depth_m=None)
 
     def _way_to(self, place: ViaPoint, seconds: float) -> Curve:
-        """Straight from the setpoint to a place, in some seconds."""
+        """Return the straight path from the setpoint to a position, in `seconds`."""
         poses = [[*self.setpoint.position], [*place.position]]
         if place.orientation is not None:
             poses = [[*poses[0], *quaternion_of(self.setpoint.rotation)], [*poses[1], *place.orientation]]
@@ -301,7 +301,7 @@ class SkillController:
     def _check_load(self, measured: ArmMeasurement) -> None:
         """Check the carried weight against the load of the program.
 
-        Raises RobotStopped: an error looks like a contact.
+        Raises RobotStopped for a difference, because it would appear as a contact.
         """
         wrong = float(measured.force[2])
         if abs(wrong) > LOAD_ERROR_LIMIT_N:
@@ -310,7 +310,7 @@ class SkillController:
             raise RobotStopped(f"what is carried is {abs(wrong):.1f} N {how} than the {load}")
 
     def _check_contact(self, app: App, measured: ArmMeasurement) -> None:
-        """Check that a contact is near where it was taught. Raises RobotStopped: it is something else."""
+        """Check that a contact is near the taught one. Raises RobotStopped for another obstacle."""
         off, most = math.dist(measured.position, app.target or measured.position), self.safety.search_m
         if off > most:
             where = f"contact {1000 * off:.0f} mm from where it was taught"
@@ -331,10 +331,10 @@ class SkillController:
 
 
 class TorqueStop:
-    """Ends a turn at a limit of the torque about its axis, from what was taught."""
+    """Ends a turn at a torque limit about its axis, which follows from the taught torque."""
 
     def __init__(self, screw: ScrewMotion | None) -> None:
-        """screw: with the torque that the robot exerts; without one nothing is ever tight."""
+        """screw: with the torque that the robot exerts; without one the limit is never reached."""
         self._most_nm = stop_torque_nm(screw)
         if screw is not None:
             self._axis, self._point = np.array(screw.axis), np.array(screw.point)
@@ -342,7 +342,7 @@ class TorqueStop:
     def reached(self, measured: ArmMeasurement) -> bool:
         """Return whether the torque about the axis exceeds the limit.
 
-        r × F of the flange's lever is taken out.
+        The moment r × F of the flange's lever is subtracted.
         """
         if self._most_nm is None:
             return False
@@ -363,7 +363,7 @@ def _seconds(app: App) -> float:
 
 
 def _leaves_contact(following: App | None) -> TypeGuard[App]:
-    """Whether there is a next app and it leaves what is touched."""
+    """Return whether there is a next app and it leaves the contact."""
     return following is not None and APP_KINDS[following.kind].has_target
 
 

@@ -1,9 +1,9 @@
-"""A simulated cell for a program whose own cell is not known: what stands there follows from the program.
+"""A simulated cell for a program whose own cell is unknown: its surfaces and object are inferred from the
+program.
 
-Where the program touches something, a level surface stands there, as large as the contact. Where it grasps,
-one object stands, as wide and heavy as it was taught to be. Nothing else stands there, and the friction is
-that of the teacher's surfaces. So a run shows whether the arm can do what was taught, not whether the real
-cell lets it.
+There is a level surface of the size of the contact at each contact, and one object of the taught width and
+weight at a grasp. There are no other obstacles, and the friction is that of the teacher's surfaces. So a run
+shows whether the arm can execute the program, not whether the real cell allows it.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class _Contact:
 def cell_as_taught(apps: Sequence[App], person: Person = THESIS, seed: int = 0) -> SimulatedCell:
     """Return the cell that a program implies; person and seed: of its friction and sensors.
 
-    Raises CaesuraError where the program needs more than level surfaces and one object.
+    Raises CaesuraError if the program needs more than level surfaces and one object.
     """
     start = _start(apps)
     contacts, grasps = list(_contacts(apps)), _grasps(apps)
@@ -80,13 +80,13 @@ def _start(apps: Sequence[App]) -> Vector:
 
 
 def _place(apps: Sequence[App], index: int) -> Vector:
-    """The target of an app, or of the last one before it that has one [m]."""
+    """Return the target [m] of an app, or of the last one before it that has one."""
     targets = [app.target for app in apps[: index + 1] if app.target is not None]
     return targets[-1] if targets else _start(apps)
 
 
 def _grasps(apps: Sequence[App]) -> list[tuple[int, App]]:
-    """The grasps with their numbers. Raises CaesuraError for one of another object than the first."""
+    """Return the grasps with their numbers. Raises CaesuraError for one of another object than the first."""
     grasps: list[tuple[int, App]] = []
     left: Vector | None = None  # [m] where the object was let go
     for index, app in enumerate(apps):
@@ -103,7 +103,7 @@ def _grasps(apps: Sequence[App]) -> list[tuple[int, App]]:
 
 
 def _contacts(apps: Sequence[App]) -> Iterator[_Contact]:
-    """The contacts, one after the other. Raises CaesuraError for one that no level surface makes."""
+    """Yield the contacts in order. Raises CaesuraError for one that a level surface cannot cause."""
     contact: _Contact | None = None
     orientation: Quaternion = DOWN
     for index, app in enumerate(apps):
@@ -125,7 +125,7 @@ def _contacts(apps: Sequence[App]) -> Iterator[_Contact]:
 
 
 def _check(index: int, app: App) -> None:
-    """Raises CaesuraError for what a level surface cannot do."""
+    """Raise CaesuraError for an app that needs more than a level surface."""
     if app.screw is not None and APP_KINDS[app.kind].presses:
         raise CaesuraError(f"{app_name(index, app.kind)} turns in contact, which only a cell has: {NEED}")
     force = without_friction(app).force
@@ -140,7 +140,9 @@ def _check(index: int, app: App) -> None:
 
 
 def _tips(app: App, place: Vector, orientation: Quaternion, *, whole: bool) -> list[Array]:
-    """Return the touched places (3,) [m] of the fingertips in an app: its end, or all its path if `whole`."""
+    """Return the positions (3,) [m] of the fingertips in contact: at an app's end, or along its `whole`
+    path.
+    """
     lever = lever_along(matrix_of(orientation)[:, 2])
     if whole and app.path is not None and app.target is not None:
         return [np.array(pose[:3]) + lever for pose in knots_of(app)[1]]
@@ -148,7 +150,7 @@ def _tips(app: App, place: Vector, orientation: Quaternion, *, whole: bool) -> l
 
 
 def _surface(contact: _Contact) -> Surface:
-    """The surface: rigid, or one that yields as deep as it was pushed in."""
+    """Return the surface of a contact: rigid, or yielding to the depth of the press."""
     tips = np.array(contact.tips)
     low, high = tips[:, :2].min(axis=0), tips[:, :2].max(axis=0)
     center = 0.5 * (low + high)

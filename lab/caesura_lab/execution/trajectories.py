@@ -43,13 +43,13 @@ def app_path(
     moving: Array | None = None,
     passes_on: bool = False,
 ) -> Curve:
-    """The reproduced path of an app from where the robot is, (3,) [m] and (3, 3), in some seconds.
+    """Return the reproduced path of an app from the robot's pose, (3,) [m] and (3, 3), in `seconds`.
 
-    arriving: (3,) [m/s] at its target where a contact ends it; moving: (6,) [m/s], [rad/s] with which the
-    robot moves now, None at rest; passes_on: its target has the stated velocity, and is a rest otherwise.
-    The speed is that which was taught. A robot that is more than `ASTRAY_M` away from where the path was
-    taught to start goes there first, at the pace of the path; else it goes to the first via point. Without a
-    path, straight. Where ways are compared, a radian of a turn counts as `TURNED_M`.
+    arriving: (3,) [m/s] at its target if a contact ends it; moving: (6,) [m/s], [rad/s] current velocity of
+    the robot, None at rest; passes_on: whether its target has the stated velocity, otherwise it is a rest.
+    The speed is the taught one. A robot more than `ASTRAY_M` from the taught start goes there first, at the
+    speed of the path; otherwise it goes to the first via point. Without a path it moves straight. In
+    comparisons a radian of a turn counts as `TURNED_M`.
     """
     path, target = app.path, position if app.target is None else np.array(app.target)
     if path is None or app.target is None:
@@ -90,7 +90,7 @@ def app_path(
 
 
 def _blend(times: Array, values: Array, passing: Array, here: Array) -> None:
-    """Begin a path at a pose (c,), and get onto it within `BLEND_S`, not before its first via point."""
+    """Begin a path at a pose (c,), and join it within `BLEND_S`, not before its first via point."""
     aside = here - values[0]
     back = Curve.through([0.0, min(BLEND_S, float(times[-1]))], [aside, np.zeros_like(aside)])
     for knot in range(1, int(np.searchsorted(times, back.t[-1]))):
@@ -103,10 +103,11 @@ def _blend(times: Array, values: Array, passing: Array, here: Array) -> None:
 
 
 def _braked(curve: Curve, arriving: Array) -> Curve:
-    """The same path at the taught speed, slower where it could not stop at the contact's speed in time.
+    """Return the same path at the taught speed, reduced where it could not brake to the contact speed in
+    time.
 
-    Towards a contact a hand is faster than a robot may be. The robot brakes with about `BRAKE_M_PER_S2`, and
-    begins to brake gently.
+    A hand approaches a contact faster than a robot may. The robot brakes with about `BRAKE_M_PER_S2`, and
+    starts braking gently.
     """
     taught = np.linspace(0.0, curve.t[-1], max(round(curve.t[-1] / KNOT_S), LEAST_KNOTS) + 1)
     poses, rates, _ = (np.array(column) for column in zip(*map(curve.at, taught), strict=True))
@@ -123,7 +124,7 @@ def _braked(curve: Curve, arriving: Array) -> Curve:
 
 
 def arrival_speed(app: App, approach: Array, position: Array, safety: Safety) -> float:
-    """Speed [m/s] with which a contact is met: slow, and no faster than the way to it asks for.
+    """Return the speed [m/s] at which a contact is met: low, and no higher than its approach needs.
 
     approach: (3,) the direction of the contact; position: (3,) [m] where the app begins.
     """
@@ -133,9 +134,9 @@ def arrival_speed(app: App, approach: Array, position: Array, safety: Safety) ->
 
 
 def approach_direction(app: App, following: App | None, rotation: Array) -> Array | None:
-    """Direction (3,) in which an app meets the contact that ends it; None where none does.
+    """Return the direction (3,) in which an app meets the contact that ends it; None without one.
 
-    It is the direction of a press that follows, else the axis of the tool. rotation: (3, 3) at the target.
+    It is the direction of a following press, else the axis of the tool. rotation: (3, 3) at the target.
     """
     if not ends_in_contact(app.kind, None if following is None else following.kind):
         return None
@@ -144,7 +145,7 @@ def approach_direction(app: App, following: App | None, rotation: Array) -> Arra
 
 
 def press_direction(rotation: Array, force: Array | None) -> Array:
-    """Direction (3,) of a press: the tool's axis, or the force's own where the two do not go together."""
+    """Return the direction (3,) of a press: the tool's axis, or the force's own if they differ too much."""
     axis: Array = rotation[:, 2]
     if force is None:
         return axis

@@ -1,4 +1,4 @@
-"""Sessions as a LeRobot dataset (`formats.lerobot_write`), an episode each."""
+"""Writes sessions as a LeRobot dataset (`formats.lerobot_write`), one episode each."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def write_sessions(
     success: Mapping[str, bool] | None = None,
     language: bool = True,
 ) -> list[Episode]:
-    """Write a dataset into a new directory, all of it or none; returns its episodes.
+    """Write a dataset into a new directory, completely or not at all; return its episodes.
 
     fps: frames a second, by default the rate of the samples. task: of all sessions, by default that of each
     session's description, or its name. success: by the session's name, by default that of its description.

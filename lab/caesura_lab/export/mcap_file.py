@@ -1,4 +1,4 @@
-"""A session as an MCAP file (`formats.mcap_write`), its joints taken through the kinematics."""
+"""Writes a session as an MCAP file (`formats.mcap_write`); poses of joints are computed by kinematics."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from caesura_service.signals.flange import columns_of, flange_rows
 
 
 def write_mcap(path: Path, session: SessionExport) -> int:
-    """Write the file, all of it or none; returns the number of messages. Raises OSError."""
+    """Write the file, completely or not at all; return the number of messages. Raises OSError."""
     return write(path, content_of(session))
 
 
@@ -70,7 +70,7 @@ def _poses(session: SessionExport) -> Poses:
 
 
 def _read(layout: SampleLayout, samples: Array) -> tuple[Array, Array]:
-    """Times and columns in use, without the samples that the service refused."""
+    """Return times and used columns, without the samples that the service refused."""
     try:
         return layout.read(samples)
     except ValueError:

@@ -1,8 +1,8 @@
 """A session with its samples, results and time of day, read from its journal.
 
-When it was. Samples carry the session's own clock, the journal the time of day at which each batch came. A
-batch cannot come before its last sample was taken, so the batch with the shortest travel time gives the
-best estimate of the session's zero as a time of day; no sample is placed later than it came.
+Time of day: samples have the session's clock, and the journal the time of day at which each batch arrived. A
+batch cannot arrive before its last sample was taken, so the batch with the shortest delay gives the best
+estimate of the time of day of session time 0; no sample is dated later than its arrival.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from caesura_service.sessions.limits import Limits
 
 @dataclass(frozen=True)
 class SessionExport:
-    """A session as it is exported: recording, results and time of day."""
+    """A session to export: recording, results and time of day."""
 
     station: str
     opening: Open  # the last one, with its preset filled in
@@ -69,7 +69,7 @@ def description_of(records: Sequence[Record]) -> Description:
 
 
 def _with_preset(record: Record) -> Record:
-    """A service fills in its own choice before it records; a journal made otherwise may have none."""
+    """Return an opening with a preset: a service records its choice; other journals may have none."""
     message = record.message
     if not isinstance(message, Open) or message.preset is not None:
         return record
@@ -114,7 +114,9 @@ def _replayed_state(records: Sequence[Record]) -> SessionState:
 
 
 def _session_began_s(records: Sequence[Record]) -> float:
-    """[s] The earliest that a batch allows; never so early that the first sample lies before 1970."""
+    """Return the time of day [s] of session time 0: the earliest that a batch allows, with samples from
+    1970 on.
+    """
     ends = [(record.at, times) for record in records if (times := _first_and_last_s(record)) is not None]
     began = min(at - last for at, (_, last) in ends)
     first = min(first for _, (first, _) in ends)
@@ -122,7 +124,7 @@ def _session_began_s(records: Sequence[Record]) -> float:
 
 
 def _first_and_last_s(record: Record) -> tuple[float, float] | None:
-    """[s] First and last sample of a batch, session clock; None for what is none, or was refused."""
+    """Return the times [s] of a batch's first and last sample; None for other or refused records."""
     if not isinstance(record.message, SampleBatch):
         return None
     try:

@@ -1,1 +1,1 @@
-"""A report of a recording's segmentation: its content is gathered, then drawn, then written."""
+"""A report of a recording's segmentation: collects its data, draws it, and writes it."""

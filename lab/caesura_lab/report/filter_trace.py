@@ -1,7 +1,7 @@
 """Runs a recording through conditioning and filter, one observation at a time, and stores every state.
 
-A session keeps what it needs to go on; a report shows what was known when. The steps are those of the
-session's pipeline, in the same order on the same samples, so that both arrive at the same numbers.
+A session stores only its latest state; a report shows the states over time. The steps are those of the
+session's pipeline, in the same order on the same samples, so that both give the same numbers.
 """
 
 from __future__ import annotations
@@ -75,7 +75,9 @@ def _snapshots(online: ChangepointFilter, conditioned: ConditionedRecording) -> 
 
 
 def _offline(online: ChangepointFilter, conditioned: ConditionedRecording) -> Array:
-    """(n,) changepoint probability given the whole recording; a gap begins anew, as it does online."""
+    """Return (n,) changepoint probability given the whole recording; it restarts at a gap, like the
+    filter.
+    """
     parts = [
         segment_offline(
             online.lattice,
@@ -89,7 +91,9 @@ def _offline(online: ChangepointFilter, conditioned: ConditionedRecording) -> Ar
 
 
 def _boundary_times(observations: tuple[Observation, ...], *, continuous: bool) -> Array:
-    """[s] A continuous segment begins midway from the sample before, unless samples are missing."""
+    """Return the start times [s]: a continuous segment begins midway to the sample before, except after a
+    gap.
+    """
     joins = [continuous and i > 0 and not one.after_gap for i, one in enumerate(observations)]
     return np.array(
         [

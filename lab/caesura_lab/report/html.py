@@ -1,4 +1,4 @@
-"""A report as one html file: figures inline, tables that can be copied, nothing fetched from anywhere.
+"""Writes a report as one self-contained html file: figures inline, and tables that can be copied.
 
 Figures are drawn once, in the colours of paper. Colours that must change with the reader's light or dark
 scheme become variables, and the run-length image, black on nothing, is inverted.
@@ -36,7 +36,7 @@ THEMED = {
 
 
 def html_page(content: ReportData) -> str:
-    """The whole report."""
+    """Return the whole report as html."""
     windows = style.windows(content)
     return _PAGE.substitute(
         title=escape(content.name),
@@ -57,7 +57,7 @@ def html_page(content: ReportData) -> str:
 
 
 def _ways(content: ReportData) -> str:
-    """The path of each app that has one."""
+    """Return the drawn path of each app that has one."""
     drawn = ((index, app, path_svg(app)) for index, app in enumerate(content.view.apps))
     figures = "".join(
         f"<figure>{svg}<figcaption>{app_number(index)} {escape(app_title(app.kind))}, "
@@ -69,7 +69,7 @@ def _ways(content: ReportData) -> str:
 
 
 def _figure(figure: Figure, name: str) -> str:
-    """A figure as it stands in the page: without its heading, which html writes itself."""
+    """Return a figure for the page, without its heading, which html writes."""
     caption = ""
     for text in figure.texts:
         if text.get_gid() == style.HEADING:
@@ -90,7 +90,7 @@ def _figure(figure: Figure, name: str) -> str:
 
 
 def _inline(svg: str, name: str, label: str) -> str:
-    """An svg file as an element of a page: themed, its ids its own, no address in it."""
+    """Return an svg file as an element of a page: with theme colours, unique ids, and no external address."""
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     svg = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", svg)

@@ -1,7 +1,7 @@
 """The data of a report, as arrays and strings, without drawing.
 
-Times are the recording's own [s]. An observation that starts a segment and the boundary that this makes
-may lie one sample apart (see `Preset.continuous`); what is drawn over time uses the boundary.
+Times are the recording's own [s]. An observation that starts a segment and the boundary that this makes may
+differ by one sample (see `Preset.continuous`); drawings over time use the boundary.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class ReportSignals:
 
 @dataclass(frozen=True, eq=False)
 class ChangepointProbabilities:
-    """The probability of a changepoint at every time except the first, where a segment starts anyway."""
+    """The probability of a changepoint at every time except the first, where a segment always starts."""
 
     t: Array  # (n - 1,) [s]
     online: Array  # (n - 1,) smoothed over the last seconds, as it stood when it left the filter's window
@@ -50,7 +50,7 @@ class ChangepointProbabilities:
 
 @dataclass(frozen=True, eq=False)
 class RunLengthPosterior:
-    """The posterior of the current segment's start, as the filter had it at every observation.
+    """The filter's posterior of the current segment's start at every observation.
 
     Entries of a sparse matrix: at observation `now` the segment had started at `start`.
     """
@@ -85,7 +85,7 @@ class RunLengthPosterior:
 
 @dataclass(frozen=True, eq=False)
 class ReportData:
-    """One recording under one preset."""
+    """The data of one recording under one preset."""
 
     name: str
     preset: str
@@ -98,7 +98,7 @@ class ReportData:
 
 
 def collect(recording: Recording, preset: str, truth: Truth | None = None) -> ReportData:
-    """Segment a recording and collect what there is to show.
+    """Segment a recording and collect the data of its report.
 
     Raises ProtocolError or ValueError for a preset, columns or values that cannot be segmented, and for a
     recording too short for a single observation.

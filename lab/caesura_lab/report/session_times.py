@@ -1,4 +1,4 @@
-"""A report's times from the session's start, where the samples have the time of day."""
+"""Converts a report's times to seconds from the session's start, if samples have the time of day."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ Span = TypeVar("Span", Segment, Phase, Gap)
 
 
 def from_start(content: ReportData) -> ReportData:
-    """The same data with times from the first segment on; a note states when that was.
+    """Return the same data with times from the first segment on; a note states its date.
 
-    What counts from elsewhere than the time of day stays as it is.
+    Data whose clock is not the time of day is unchanged.
     """
     clock = clock_of(content.view.segments)
     if not clock.start_s:

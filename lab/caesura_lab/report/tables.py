@@ -27,7 +27,7 @@ class TableColumn:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells; `kinds` has the kind of segment that each row is about, if it is about one."""
+    """Rows of cells; `kinds` has the kind of segment of each row, if any."""
 
     title: str
     columns: tuple[TableColumn, ...]
@@ -83,7 +83,7 @@ APP_NOTE = (
 
 
 def segments_table(view: PipelineView) -> Table:
-    """One segment a row."""
+    """Return a table of segments, one per row."""
     starts = [None, *(one.probability for one in view.changepoints)]
     measured = measures_force(view.wrench)
     rows = [_segment(i, one, starts[i], measured=measured) for i, one in enumerate(view.segments)]
@@ -93,7 +93,7 @@ def segments_table(view: PipelineView) -> Table:
 
 
 def program_table(view: PipelineView) -> Table:
-    """One app a row, in the colour of its first segment."""
+    """Return a table of apps, one per row, in the colour of its first segment."""
     rows = tuple(_app(i, app) for i, app in enumerate(view.apps))
     kinds = tuple(view.segments[app.segments[0]].kind if app.segments else None for app in view.apps)
     return Table("Task program", APP_COLUMNS, rows, kinds, APP_NOTE)
@@ -154,7 +154,7 @@ def _newtons(force: Vector) -> tuple[str, ...]:
 
 
 def _signed(value: float, digits: int) -> str:
-    """A number with a real minus, and none before a zero."""
+    """Return a number with a typographic minus, and without one before a zero."""
     return f"{np.round(value, digits) + 0.0:.{digits}f}".replace("-", "\N{MINUS SIGN}")
 
 
@@ -165,7 +165,7 @@ def _load(kg: float | None, sd_kg: float | None) -> str:
 
 
 def ranges(numbers: Sequence[int]) -> str:
-    """`1, 2, 3, 7` as `1–3, 7`."""
+    """Return a text such as `1–3, 7` for the text `1, 2, 3, 7`."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][-1] + 1:

@@ -1,4 +1,4 @@
-"""A report as a file: pdf has every page, png the first, html all of it in one file that needs no other."""
+"""Writes a report as a file: pdf has every page, png the first, html all of it in one self-contained file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Writer = Callable[[ReportData, Path], None]
 
 
 class UnknownFormatError(CaesuraError):
-    """No report is written under this suffix; the message names those that are known."""
+    """No report can be written under this suffix; the message lists the known ones."""
 
 
 def writer_of(path: Path) -> Writer:

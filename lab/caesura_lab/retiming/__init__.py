@@ -1,4 +1,4 @@
-"""Programs as fast as the limits of the robot allow: `caesura program --speed optimal`."""
+"""Re-times programs to the limits of the robot: `caesura program --speed optimal`."""
 
 from caesura_lab.retiming.program import optimal
 

@@ -1,8 +1,8 @@
-"""The demands of a movement on the robot, beside the limits: computed at every millisecond.
+"""Compares the demands of a movement on the robot with its limits, at every millisecond.
 
-A load derates the acceleration: its inertia exerts at most `LOAD_N` on the fingers. So the flange
-accelerates by `LOAD_N` over the load at most. More would pass for a contact (4 N), or for a load of
-another weight (3.5 N).
+A load limits the acceleration: its inertia may exert at most `LOAD_N` on the fingers. So the flange
+accelerates by at most `LOAD_N` divided by the load. A larger force would appear as a contact (4 N), or as a
+load of another weight (3.5 N).
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class MotionLimits:
 
 
 def limits_of(robot: Robot, safety: Safety, load_kg: float) -> MotionLimits:
-    """The limits that a movement with a load is planned with."""
+    """Return the limits for planning a movement with a load."""
     arm = robot.description
     carried = arm.flange_acceleration_limit if load_kg <= 0.0 else LOAD_N / load_kg
     velocity = SPEED_SHARE * JOINT_SHARE * robot.velocity_limits
@@ -70,7 +70,7 @@ def limits_of(robot: Robot, safety: Safety, load_kg: float) -> MotionLimits:
 
 
 def hurry(curve: Curve, still: Array, robot: Robot, q: Array, limits: MotionLimits) -> float:
-    """Factor of time with which a movement keeps to the limits just so; above 1 it is too fast.
+    """Return the least factor of time with which a movement keeps the limits; above 1 it is too fast.
 
     still: (4,) quaternion where the curve has none; q: (n,) joints at its start. Raises ReachError, and
     ValueError where a joint passes the limits of its position.
@@ -94,7 +94,7 @@ def hurry(curve: Curve, still: Array, robot: Robot, q: Array, limits: MotionLimi
 
 
 def poses_at(curve: Curve, t: Array, still: Array) -> Array:
-    """Poses (n, 7) of a curve at times (n,) [s] since 0; still: (4,) the quaternion where it has none."""
+    """Return poses (n, 7) of a curve at times (n,) [s]; still: (4,) the quaternion of a curve without one."""
     leg = np.clip(np.searchsorted(curve.t, t, side="right") - 1, 0, len(curve.t) - 2)
     share = (np.minimum(t, curve.t[-1]) - curve.t[leg]) / np.diff(curve.t)[leg]
     values = np.einsum("np,npc->nc", share[:, None] ** np.arange(6), curve.coefficients[leg])

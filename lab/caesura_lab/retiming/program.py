@@ -1,15 +1,14 @@
-"""A program whose movements are as fast as the limits of the robot allow, along the paths that were taught.
+"""Re-times the movements of a program to the limits of the robot, along the taught paths.
 
-For each movement: the way along its path (a turn by a radian counts as `TURNED_M`), joints along the way,
-the fastest time law (`time_law`), and via points so close that the reproduced path is the same. Then the
-reproduced path itself is looked at every millisecond, and its time scaled until it keeps to the limits. A
-movement that a contact ends brakes towards it as the executor asks, and is scaled until what the executor
-makes of it keeps to the limits too. A movement that cannot be timed stays as taught, and a note says so. One
-that a person gave a speed keeps it. One that stays near a contact that it leaves or meets keeps its taught
-time, too.
+For each movement it computes the length along its path (a turn by a radian counts as `TURNED_M`), joints
+along the path, the fastest time law (`time_law`), and via points dense enough for the same reproduced path.
+Then the reproduced path is checked at every millisecond, and its time scaled until it keeps the limits. A
+movement that ends in a contact brakes as the executor requires, and is scaled until the executor's path keeps
+the limits too. A movement that cannot be timed keeps its taught times, and a note states that. A speed set by
+an operator is kept, and so are the times of a movement that stays near a contact that it leaves or meets.
 
-A pause is removed where it is not marked. Where a hand crept on in it by more than `CREPT_M`, it lasts as
-long as the executor takes to creep there. Within that the robot goes onto the next path from where it is.
+A pause that is not marked is removed. If the hand crept in it by more than `CREPT_M`, it lasts as long as the
+executor needs to creep there. Below that the robot joins the next path from its position.
 """
 
 from __future__ import annotations
@@ -66,7 +65,7 @@ TICKS_PER_S = 1000.0  # a movement takes whole ticks of the robot's controller
 
 @dataclass(frozen=True)
 class _Way:
-    """The taught path, smoothed, by its length: (k,) [m], poses (k, 7) and joints (k, n) there."""
+    """The smoothed taught path by its length: (k,) [m], with poses (k, 7) and joints (k, n)."""
 
     geometry: BSpline
     along: Array
@@ -77,7 +76,7 @@ class _Way:
 def optimal(
     program: ProgramFile, keeps_pause: Collection[int] = (), robot: Robot | None = None
 ) -> ProgramFile:
-    """The program at the fastest times that its robot's limits allow. Raises CaesuraError as `retimed`.
+    """Return the program at the fastest times within its robot's limits. Raises CaesuraError as `retimed`.
 
     keeps_pause: apps before which the taught pause is kept. A movement that cannot be timed stays as taught.
     """
@@ -124,7 +123,7 @@ def _crept_s(apps: tuple[ProgramStep, ...], index: int) -> float:
 def _fastest(
     app: ProgramStep, following: App | None, still: Array, robot: Robot, limits: MotionLimits, safety: Safety
 ) -> ProgramStep:
-    """The app at its fastest, from its taught start on. Raises ValueError where there is none."""
+    """Return the app at its fastest, from its taught start on. Raises ValueError if it cannot be timed."""
     way = _way(app, still, robot)
     until = approach_direction(app, following, matrix_of(app.orientation or FINGERS_DOWN))
 
@@ -155,7 +154,7 @@ def _fastest(
 
 
 def _scaled(made: ProgramStep, hurried: Callable[[ProgramStep], float]) -> ProgramStep:
-    """The app in the least time with which `hurried` is at most 1. Raises TimeLawError without one."""
+    """Return the app in the least time for which `hurried` is at most 1. Raises TimeLawError without one."""
     least_s = made.tn - made.t0
     best: ProgramStep | None = None
     for _ in range(ROUNDS):
@@ -171,7 +170,7 @@ def _scaled(made: ProgramStep, hurried: Callable[[ProgramStep], float]) -> Progr
 
 
 def _on_its_path(app: App, made: ProgramStep) -> ProgramStep:
-    """The re-timed app, with what its path is off the taught one added to its deviations.
+    """Return the re-timed app, with its deviation from the taught path added to its stated deviations.
 
     Raises TimeLawError where that is more than `OFF_M` or `OFF_RAD`.
     """
@@ -232,7 +231,7 @@ def _way(app: ProgramStep, still: Array, robot: Robot) -> _Way:
 
 
 def _smoothed(places: Array, poses: Array, left_m: float, left_rad: float) -> BSpline:
-    """The smoothest path within a distance [m] and an angle [rad] of poses (k, 7) at places (k,) [m].
+    """Return the smoothest path within a distance [m] and an angle [rad] of poses (k, 7) at lengths (k,) [m].
 
     It begins and ends at the first and the last pose. Its smoothness is one weight of its second derivatives.
     """
@@ -255,7 +254,9 @@ def _smoothed(places: Array, poses: Array, left_m: float, left_rad: float) -> BS
 
 
 def _with_flange(way: _Way, limits: MotionLimits) -> tuple[Array, Array, Array]:
-    """Joints, way and turn of the flange (k, n + 2); limits of their velocity and acceleration (n + 2,)."""
+    """Return joints, length and turn of the flange (k, n + 2), and limits of their velocity and
+    acceleration.
+    """
     step = np.diff(way.poses, axis=0)
     moved = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step[:, :3], axis=1))])
     turned = np.concatenate([[0.0], np.cumsum(2.0 * np.linalg.norm(step[:, 3:], axis=1))])
@@ -265,7 +266,7 @@ def _with_flange(way: _Way, limits: MotionLimits) -> tuple[Array, Array, Array]:
 
 
 def _timed(app: ProgramStep, way: _Way, t: Array, covered: Array) -> ProgramStep:
-    """The app with via points at the times of a law: even in time and along the way."""
+    """Return the app with via points at the times of a law, evenly spaced in time and along the path."""
     assert app.path is not None, "is timed by its path"
     seconds, t0 = float(t[-1]), app.t0
     count = int(np.clip(seconds / VIA_S, FEWEST_VIA, MOST_VIA))
@@ -296,7 +297,7 @@ def _timed(app: ProgramStep, way: _Way, t: Array, covered: Array) -> ProgramStep
 
 
 def _lasting(app: ProgramStep, seconds: float) -> ProgramStep:
-    """The app with all its times scaled to some seconds, which are rounded up to whole ticks."""
+    """Return the app with its times scaled to a duration [s], rounded up to whole ticks."""
     assert app.path is not None, "is timed by its path"
     seconds = math.ceil(TICKS_PER_S * seconds) / TICKS_PER_S
     factor = seconds / (app.tn - app.t0)

@@ -1,10 +1,10 @@
-"""The place of a movement on its way at each time: as fast as limits of velocity and acceleration allow.
+"""Computes the fastest time law along a path within limits of velocity and acceleration.
 
 TOPP-RA (Pham & Pham 2018, "A New Approach to Time-Optimal Path Parameterization Based on Reachability
-Analysis") gives a law whose acceleration jumps. It is averaged twice, so the acceleration rises and falls.
-The way stays the same, and the movement takes longer by twice the time over which it is averaged.
+Analysis") gives a law with discontinuous acceleration. It is averaged twice over a time, so that the
+acceleration is continuous. The path stays the same, and the movement takes longer by twice that time.
 
-A movement that a contact ends arrives with a speed, for which it brakes in time.
+A movement that ends in a contact arrives with a given speed, for which it brakes in time.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ UNLIMITED = 1e3  # [m/s, m/s²]
 
 
 class TimeLawError(ValueError):
-    """No time law keeps to the limits on this way."""
+    """No time law keeps the limits on this path."""
 
 
 class Arrival(NamedTuple):
-    """The end of a way: a speed, which holds for its last part, and braking before that."""
+    """The end of a path in contact: a constant speed in its last part, and braking before that."""
 
     speed: float = 0.0  # [m/s]
     slow_m: float = 0.0
     brake: float = np.inf  # [m/s²]
 
     def ceiling(self, left: float) -> float:
-        """Return the highest speed [m/s] at which `left` [m] of the way is left."""
+        """Return the highest speed [m/s] with `left` [m] of the path left."""
         braked = left - self.slow_m
         return float(np.sqrt(self.speed**2 + 2.0 * self.brake * braked)) if braked > 0.0 else self.speed
 
@@ -52,11 +52,10 @@ def fastest(
     rise_s: float,
     arrival: Arrival = AT_REST,
 ) -> tuple[Array, Array]:
-    """Times (n,) [s] from 0 at every millisecond, and the way covered by then, from rest on.
+    """Return times (n,) [s] from 0 at every millisecond, and the length covered by then, starting at rest.
 
     way: (k,) [m] rising; values: (k, d) of the coordinates there; velocity, acceleration: (d,) their limits;
-    rise_s [s]: over which the law is averaged, twice.
-    Raises TimeLawError.
+    rise_s [s]: over which the law is averaged, twice. Raises TimeLawError.
     """
     path = toppra.SplineInterpolator(way, np.column_stack([values, way]))
 

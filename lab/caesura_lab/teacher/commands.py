@@ -1,4 +1,4 @@
-"""The command of the simulated teacher."""
+"""Registers the command of the simulated teacher."""
 
 from importlib.util import find_spec
 
@@ -8,6 +8,6 @@ from caesura_protocol.lazy_commands import add_command
 
 
 def register(app: typer.Typer) -> None:
-    """Add the teacher's command, where its extra is installed."""
+    """Add the command `teach`, if its extra is installed."""
     if find_spec("pinocchio") is not None and find_spec("caesura_service") is not None:
         add_command(app, "teach", "caesura_lab.teacher.teach_command:teach")

@@ -38,7 +38,7 @@ class Surface:
     friction: float = 0.3
 
     def static_force(self, depth_m: float) -> float:
-        """Force at rest [N] at a depth below the touch height [m]."""
+        """Return the force at rest [N] at a depth below the touch height [m]."""
         if depth_m <= 0.0:
             return 0.0
         if depth_m < self.travel_m:
@@ -46,13 +46,13 @@ class Surface:
         return self._force_at_stop + self.stiffness_n_per_m * (depth_m - self.travel_m)
 
     def depth_for(self, force_n: float) -> float:
-        """Depth [m] at which the surface carries a force [N] at rest."""
+        """Return the depth [m] at which the surface carries a force [N] at rest."""
         if force_n >= self._force_at_stop:
             return self.travel_m + (force_n - self._force_at_stop) / self.stiffness_n_per_m
         return max(0.0, force_n - self.preload_n) / self.spring_n_per_m
 
     def normal_force(self, depth_m: float, rate_m_per_s: float) -> float:
-        """Upward force [N] at a depth [m] that grows at a rate [m/s]; never negative."""
+        """Return the upward force [N] at a depth [m] that grows at a rate [m/s]; never negative."""
         if depth_m <= 0.0:
             return 0.0
         at_stop = depth_m >= self.travel_m
@@ -61,17 +61,17 @@ class Surface:
         return max(0.0, self.static_force(depth_m) + damping * engaged * rate_m_per_s)
 
     def covers(self, x: float, y: float) -> bool:
-        """Whether a point of the base plane [m] lies over it."""
+        """Return whether a point of the base plane [m] is over the surface."""
         return hypot(x - self.center_m[0], y - self.center_m[1]) <= self.radius_m
 
     def height_at(self, x: float, y: float) -> float:
-        """Height [m] of the fingertips at which it is touched over a point of the base plane [m]."""
+        """Return the height [m] of the fingertips at the touch, over a point of the base plane [m]."""
         del x, y
         return self.touch_height_m
 
     @property
     def compliance_depth_m(self) -> float:
-        """Depth [m] to which it can be pushed in."""
+        """The depth [m] to which the surface can be pushed in."""
         return self.travel_m
 
     @property
@@ -89,10 +89,11 @@ class FingertipContact:
     def force(
         self, position: Sequence[float], velocity: Sequence[float], dt: float, load_n: float = 0.0
     ) -> Vector:
-        """Force on the fingertips [N] at their position [m] and velocity [m/s], in a step of dt [s].
+        """Return the force on the fingertips [N] at their position [m] and velocity [m/s], in a step of dt
+        [s].
 
-        A load that they hold stands as deep in the surface as its weight [N] has pressed it, so that nothing
-        changes for the hand when it grips or lets go what stands there.
+        A held load is as deep in the surface as its weight [N] presses it, so that a grasp or release of an
+        object on the surface does not change the hand's force.
         """
         x, y, z = position
         touched = max(

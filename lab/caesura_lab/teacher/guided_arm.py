@@ -47,8 +47,8 @@ class SimulationTrace:
 
     t (n,) [s]; q (n, joints) [rad]; v (n, joints) [rad/s]; twist (n, 6) of the flange [m/s, rad/s];
     environment (n, 6) and hand (n, 6), wrenches on the flange [N, Nm]; contact (n, 3) [N] at the fingertips;
-    width (n,) [m]; load_kg (n,) held by the fingers; tip_velocity (n, 3) [m/s] of the fingertips; normal
-    (n,) [N] with which a surface pushes. The last two are empty where the executor runs a program.
+    width (n,) [m]; load_kg (n,) held by the fingers; tip_velocity (n, 3) [m/s] of the fingertips; normal (n,)
+    [N] force of a surface. The last two are empty if the executor runs a program.
     """
 
     t: Array
@@ -65,7 +65,7 @@ class SimulationTrace:
 
 
 class GuidedArmSimulation:
-    """Simulation of one demonstration; `run` advances it by some ticks."""
+    """Simulation of one demonstration; `run` simulates a number of ticks."""
 
     def __init__(self, robot: Robot, plan: Plan) -> None:
         self._robot, self._plan = robot, plan
@@ -89,7 +89,7 @@ class GuidedArmSimulation:
         return self._tick >= self._plan.ticks
 
     def run(self, ticks: int) -> SimulationTrace:
-        """Simulate the next ticks, or what is left."""
+        """Simulate the next ticks, or the remaining ones."""
         first, last = self._tick, min(self._tick + ticks, self._plan.ticks)
         rows = np.empty((last - first, 2 * self._robot.joints + 25))
         for row, tick in zip(rows, range(first, last), strict=True):
@@ -182,7 +182,7 @@ class GuidedArmSimulation:
     def _adapt_hand(self, tick: int, load_kg: float, normal_n: float, torque_nm: float) -> None:
         """Adapt the hand to the load, the normal force and the torque of this tick.
 
-        A hand holds its own effort, so a load that it has gripped rests on the surface, not on the hand.
+        A hand keeps its effort constant, so a load that it has gripped rests on the surface, not on the hand.
         """
         self._torque_nm -= DT / TORQUE_FELT_S * (torque_nm + self._torque_nm)
         weight = GRAVITY * load_kg if normal_n == 0.0 else 0.0
@@ -196,7 +196,7 @@ class GuidedArmSimulation:
 
 
 def joint_friction(v: Array, sliding_nm: Array, stiction: float) -> Array:
-    """Coulomb friction (7,) [Nm] at joint velocities v (7,): higher near standstill (Stribeck)."""
+    """Return the Coulomb friction (7,) [Nm] at joint velocities v (7,): higher near standstill (Stribeck)."""
     slow = np.exp(-np.abs(v) / STRIBECK_RAD_PER_S)
     return np.asarray(sliding_nm * (1.0 + (stiction - 1.0) * slow))
 
@@ -247,13 +247,13 @@ def loaded_mass(arm: HandDynamics, load_kg: float, at_tip: Array | None) -> Arra
 
 
 def lever_along(axis: Array) -> Vector:
-    """Lever [m] from the flange to the fingertips, along the tool's axis (3,)."""
+    """Return the lever [m] from the flange to the fingertips, along the tool's axis (3,)."""
     x, y, z = axis.tolist()
     return FINGERS_BELOW_FLANGE_M * x, FINGERS_BELOW_FLANGE_M * y, FINGERS_BELOW_FLANGE_M * z
 
 
 def tip_motion(position: Array, twist: Sequence[float], lever: Vector) -> tuple[Vector, Vector]:
-    """Position and velocity of the fingertips, as plain numbers: faster than arrays of three."""
+    """Return position and velocity of the fingertips, as plain numbers, which is faster than arrays."""
     x, y, z = position.tolist()
     vx, vy, vz, wx, wy, wz = twist
     lx, ly, lz = lever
@@ -262,13 +262,15 @@ def tip_motion(position: Array, twist: Sequence[float], lever: Vector) -> tuple[
 
 
 def with_weight(force: Vector, kg: float) -> Vector:
-    """Add the weight of a mass to a force [N]."""
+    """Return a force [N] plus the weight of a mass."""
     x, y, z = force
     return x, y, z - kg * GRAVITY
 
 
 def with_inertia(force: Vector, kg: float, jacobian: Array, change: Array) -> Vector:
-    """Take from a force [N] what accelerates a mass at a Jacobian (3, n), by a change of joint velocity."""
+    """Return a force [N] less the inertial force of a mass at a Jacobian (3, n), by a change of joint
+    velocity.
+    """
     fx, fy, fz = force
     dx, dy, dz = jacobian.dot(change).tolist()
     rate = kg / DT
@@ -276,27 +278,27 @@ def with_inertia(force: Vector, kg: float, jacobian: Array, change: Array) -> Ve
 
 
 def at_flange(force: Vector, lever: Vector) -> tuple[float, ...]:
-    """Wrench (6,) at the flange of a force (3,) at the end of a lever (3,)."""
+    """Return the wrench (6,) at the flange of a force (3,) at the end of a lever (3,)."""
     fx, fy, fz = force
     lx, ly, lz = lever
     return fx, fy, fz, ly * fz - lz * fy, lz * fx - lx * fz, lx * fy - ly * fx
 
 
 def turned(wrench: Sequence[float], turning: Sequence[float]) -> tuple[float, ...]:
-    """Add a moment (3,) [Nm] to a wrench (6,)."""
+    """Return a wrench (6,) plus a moment (3,) [Nm]."""
     fx, fy, fz, mx, my, mz = wrench
     tx, ty, tz = turning
     return fx, fy, fz, mx + tx, my + ty, mz + tz
 
 
 def turn_error(meant: Array, rotation: Array) -> Vector:
-    """Rotation vector [rad] from one rotation (3, 3) to another, for small angles."""
+    """Return the rotation vector [rad] from one rotation (3, 3) to another, for small angles."""
     (_, xy, xz), (yx, _, yz), (zx, zy, _) = meant.dot(rotation.T).tolist()
     return 0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)
 
 
 def tip_jacobian(jacobian: Array, lever: Vector) -> Array:
-    """Velocity of the fingertips per joint velocity, (3, n)."""
+    """Return the velocity of the fingertips per joint velocity, (3, n)."""
     x, y, z = lever
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     at_tip: Array = jacobian[:3] - cross.dot(jacobian[3:])

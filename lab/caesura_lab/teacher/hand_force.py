@@ -1,8 +1,8 @@
 """A hand that controls its force where it touches: the thesis' human, a switching proportional controller.
 
-In free space it goes for a place, in contact for a force (3.6) and no longer for a place: "the desired
-position as already reached x_d = x" (3.2.2). The force is one first order response from the touch on (3.37),
-whenever that is, and so is letting go.
+In free space the hand controls a position, in contact a force (3.6) and no position: "the desired position as
+already reached x_d = x" (3.2.2). The force is one first order response from the touch on (3.37), at any time,
+and so is its release.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ SWITCH_S = 0.03  # in which a hand goes over from place to force and back, as fa
 class ForceSetpoint:
     """Force that a hand aims at from a time on.
 
-    aside: (2,) share of the force that goes sideways; yields: it gives its place up to the surface that it
-    meets; waits: it presses only once it has met one.
+    aside: (2,) lateral share of the force; yields: whether position control ends at a touch; waits: whether
+    it presses only after a touch.
     """
 
     start_s: float
@@ -57,11 +57,9 @@ def force_profile(setpoints: Sequence[ForceSetpoint], t: Array) -> ForceProfile:
 
 
 def force_goal(force_n: float, before_n: float, duration_s: float, rate_per_s: float) -> float:
-    """Return the force [N] to aim at so that a first order response reaches another force in a time.
+    """Return the target force [N] for which a first order response reaches a force in a time.
 
-    Never a pull.
-
-    The forces of the thesis' tables are those with which a segment ends (3.2.2).
+    It is never a pull. The forces of the thesis' tables are those at the end of a segment (3.2.2).
     """
     left = exp(-rate_per_s * duration_s)
     return max(0.0, (force_n - before_n * left) / (1.0 - left))
@@ -70,7 +68,7 @@ def force_goal(force_n: float, before_n: float, duration_s: float, rate_per_s: f
 class HandForceController:
     """Force and position control of a hand, tick by tick.
 
-    force_n: with which it presses [N]; place: to which share it still controls its place, 1 in the air.
+    force_n: current pressing force [N]; place: weight of the position control, 1 in the air.
     """
 
     def __init__(self, setpoints: ForceProfile, rate_per_s: float, dt: float) -> None:

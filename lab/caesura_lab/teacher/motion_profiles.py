@@ -65,14 +65,14 @@ UNIT_RESPONSES: Mapping[Profile, Callable[[Array], Array]] = MappingProxyType(
 
 
 class Movement(Protocol):
-    """An intended movement that begins at a time and stays where it leads."""
+    """An intended movement that begins at a time and ends at a displacement."""
 
     @property
     def start_s(self) -> float:
-        """Time at which it begins [s]."""
+        """The time [s] at which the movement begins."""
 
     def positions(self, t: Array) -> Array:
-        """Displacement at times t (n,) [s], (n, 3) [m]."""
+        """Return the displacement at times t (n,) [s], (n, 3) [m]."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Stroke:
         return self.start_s + self.duration_s
 
     def positions(self, t: Array) -> Array:
-        """Displacement at times t (n,) [s], (n, 3) [m]."""
+        """Return the displacement at times t (n,) [s], (n, 3) [m]."""
         tau = np.clip((t - self.start_s) / self.duration_s, 0.0, 1.0)
         moved: Array = UNIT_RESPONSES[self.profile](tau)[:, None] * self.displacement
         for k, amplitude in enumerate(self.deviation, start=1):
@@ -104,7 +104,7 @@ class Stroke:
 
 
 def path(start: Vector | Array, strokes: Sequence[Movement], t: Array) -> Array:
-    """Intended position (n, 3) [m] at times t (n,) [s]: where it starts, plus all strokes."""
+    """Return the intended position (n, 3) [m] at times t (n,) [s]: the start plus all strokes."""
     positions = np.tile(np.asarray(start, dtype=np.float64), (t.size, 1))
     for stroke in strokes:
         first = int(np.searchsorted(t, stroke.start_s))

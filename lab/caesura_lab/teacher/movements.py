@@ -86,10 +86,10 @@ def movement_spans(speed: Array) -> list[tuple[int, int]]:
 
 
 def describe(t: Array, position: Array, force: Array) -> dict[str, list[float]]:
-    """Measure every figure of `FIGURES`: one value a movement; of creep and rests, one a recording; of
-    innovations, one a step of 0.1 s.
+    """Measure every figure of `FIGURES`: one value per movement.
 
-    t: (m,) [s], rising; position: (m, 3) [m]; force: (m, 3) [N].
+    Creep and rests have one value per recording, innovations one per step of 0.1 s. t: (m,) [s], rising;
+    position: (m, 3) [m]; force: (m, 3) [N].
     """
     grid, velocity = velocity_on_grid(t, position)
     force_on_grid = np.column_stack([np.interp(grid, t, axis) for axis in force.T])

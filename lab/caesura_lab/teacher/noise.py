@@ -1,4 +1,4 @@
-"""Noise with a spectrum: a tremor, an unrest, a drift. Unit variance, one row a tick, drawn at once."""
+"""Coloured noise of unit variance, drawn at once with one row per tick: tremor, unrest, drift."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ BUTTERWORTH_2 = 1.11  # noise bandwidth of a second order filter over its nomina
 def band_noise(
     n: int, width: int, hertz: tuple[float, float], rate_hz: float, rng: np.random.Generator
 ) -> Array:
-    """Noise between two frequencies, or below the second where the first is 0; (n, width)."""
+    """Return noise (n, width) between two frequencies, or below the second if the first is 0."""
     low, high = hertz
     if low > 0.0:
         sos = butter(2, hertz, btype="bandpass", fs=rate_hz, output="sos")
@@ -25,7 +25,7 @@ def band_noise(
 
 
 def ornstein_uhlenbeck(n: int, width: int, seconds: float, rate_hz: float, rng: np.random.Generator) -> Array:
-    """Ornstein-Uhlenbeck process that forgets within some seconds, from 0; (n, width)."""
+    """Return an Ornstein-Uhlenbeck process (n, width) with a time constant of `seconds`, from 0."""
     keep = np.exp(-1.0 / (rate_hz * seconds))
     drive = np.sqrt(1.0 - keep**2) * rng.normal(size=(n, width))
     wander: Array = sosfilt(np.array([[1.0, 0.0, 0.0, 1.0, -keep, 0.0]]), drive, axis=0)

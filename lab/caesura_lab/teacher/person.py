@@ -1,7 +1,7 @@
-"""The teacher as a person: everything in which one person differs from the next, drawn from a seed.
+"""The person of the simulated teacher: all properties in which persons differ, drawn from a seed.
 
-The ranges are those of real hand-guided recordings (data/PROVENANCE.md). `THESIS` is the person whose times,
-forces and loads are the thesis' own.
+The ranges are those of real hand-guided recordings (data/PROVENANCE.md). `THESIS` is the person with the
+times, forces and loads of the thesis.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Phases of a demonstration: runs of segments that make one skill, such as reach, wipe, retract.
 
-A scenario says with which step a skill begins and which event that is. When the event happened, the truth of
-the segments says. A rest belongs to the phase before it.
+A scenario states with which step and event a skill begins. The time of the event follows from the truth of
+the segments. A rest belongs to the phase before it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""From a scenario and a person to what the hand means to do at every tick.
+"""Computes the intended motion and force of the hand at every tick from a scenario and a person.
 
-The plan is made before the first tick and draws everything that the hand does by chance, so that a
-demonstration is the same however it is cut into chunks. The simulation computes the result.
+The plan is made before the first tick and draws all random events of the hand, so that a demonstration does
+not depend on its division into chunks. The simulation computes the result.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ def make_plan(scenario: Scenario, person: Person, rng: np.random.Generator) -> P
 
 
 def _smoothed(path: Array, person: Person) -> Array:
-    """A path (n, k) as a hand follows it, without its corners."""
+    """Return a path (n, k) as a hand follows it, with rounded corners."""
     return np.asarray(gaussian_filter1d(path, person.habits.smoothing_s / DT, axis=0, mode="nearest"))
 
 
@@ -263,7 +263,7 @@ class _Planner:
         self._stroke(goal, (1.0 - share) * duration, delay=share * duration)
 
     def _touch(self, step: Step, duration: float) -> None:
-        """Arrive over the place when the surface stops the fall, which aims a little below it."""
+        """Touch a surface at the target, by aiming slightly below it."""
         goal = self._scattered(step)
         fall = self.place[2] - goal[2]
         share = time_of_share(self.person.profile, fall / (fall + self.person.impact_m))

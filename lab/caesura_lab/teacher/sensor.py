@@ -1,9 +1,9 @@
-"""The robot's report of a simulated trace: pose, joints and wrench, as imperfect as real ones.
+"""Simulates the robot's report of a trace: pose, joints and wrench, with realistic errors.
 
 A wrench carries what its source can see (protocol: `WrenchSource`). Beside white noise it has a constant
-bias, a wander with the pose (a tool's weight is never compensated quite right) and slowly by itself,
-coloured noise while the arm moves, and the inertia of the hand below the sensor. All chance is drawn before
-the first tick.
+bias, a wander with the pose (a tool's weight is never compensated quite right) and slowly by itself, coloured
+noise while the arm moves, and the inertia of the hand below the sensor. All chance is drawn before the first
+tick.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class Sensors:
         self._last_quaternion = np.zeros(4)
 
     def read(self, trace: SimulationTrace) -> dict[str, Array]:
-        """Signals of the next ticks, name → (n, width), as in a recording."""
+        """Return the signals of the next ticks, name → (n, width), as in a recording."""
         first = round(trace.t[0] / DT)
         ticks = slice(first, first + trace.t.size)
         q = _stepped(trace.q + self._chance.joints[ticks], ANGLE_STEP)

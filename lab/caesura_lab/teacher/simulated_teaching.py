@@ -47,7 +47,7 @@ Truth = dict[str, Any]
 
 @dataclass(frozen=True)
 class Demonstration:
-    """A recording and what really happened in it."""
+    """A recording and its truth."""
 
     recording: Recording
     truth: Truth

@@ -1,4 +1,4 @@
-"""Dips of the speed within a movement: corners, and what an annotator of real recordings leaves open.
+"""Dips of the speed within a movement: corners, and dips that annotators of real recordings mark as optional.
 
 The annotators' rule (docs/annotation.md): a corner is a turn of more than 45° through a dip below 0.6 of the
 lesser peak beside it. A turn is read twice. Where the readings contradict each other, or lie within 5° of the

@@ -2,8 +2,8 @@
 
     python -m caesura_lab.teacher.statistics data/*.npz
 
-measures recordings that have their annotation (`.ann.json`) beside them, real ones too. Where a figure has no
-meaning for a recording (a contact in a motion without one), it is missing.
+measures recordings that have their annotation (`.ann.json`) beside them, real ones too. A figure that does
+not apply to a recording (a contact in a motion without one) is missing.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`caesura teach`: a demonstration by the simulated teacher, written to a file with its truth."""
+"""`caesura teach`: writes a demonstration by the simulated teacher, with its truth, to a file."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
-"""One row on one demonstration: what comes out, and where it differs from the thesis.
+"""Measures one row of the thesis on one demonstration, and lists the differences from the thesis.
 
-A boundary is right within `TOLERANCE_S` of the thesis' time, or of the event in the simulated demonstration
-that it stands for. A row comes out if it has as many segments, every boundary is right, and so is the state
-of every segment for which the thesis gives one. Nothing is filtered out: the thesis' tables stand before its
-minimum time filter, too, and have segments of 0.4 s. The end of the last segment is the recording's.
+A boundary is right within `TOLERANCE_S` of the thesis' time, or of its event in the simulated demonstration.
+A row is reproduced if it has the same number of segments, every boundary is right, and so is the state of
+every segment for which the thesis gives one. There is no minimum time filter: the thesis' tables are from
+before its filter, and have segments of 0.4 s. The end of the last segment is the recording's.
 
-An online row comes out if every boundary is shown when the demonstration is over; what else is shown is not
-held against it, since the thesis says only which of its boundaries were found.
+An online row is reproduced if every boundary is shown at the end of the demonstration; further boundaries do
+not count, because the thesis states only which of its boundaries were found.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class RowOutcome:
 
     @property
     def came_out(self) -> bool:
-        """Whether the row is as in the thesis."""
+        """Whether the row is reproduced."""
         return not self.faults
 
 
@@ -117,7 +117,7 @@ def measure(
 
 
 def references(row: ThesisRow, demonstration: ConditionedDemonstration) -> list[tuple[float, ...]]:
-    """For each boundary the times [s] near which it is right: the thesis', and its event's where there is."""
+    """Return, for each boundary, the accepted times [s]: the thesis', and that of its event, if any."""
     return [(b.t, *(() if b.also is None else (b.also,)), *_event(b, demonstration)) for b in row.inner]
 
 
@@ -239,7 +239,7 @@ def _timed_estimates(recording: Recording, row: ThesisRow) -> tuple[int, list[Ti
 def present_since(
     timed_estimates: Sequence[TimedEstimate], right: Sequence[Sequence[float]]
 ) -> list[float | None]:
-    """Since when each boundary has been there without a break [s]; None if it is not."""
+    """Return the time [s] since which each boundary is continuously present; None if it is not."""
     since: list[float | None] = [None] * len(right)
     for estimate in timed_estimates:
         for i, partner in enumerate(pair_boundaries(estimate.changepoints, right)):

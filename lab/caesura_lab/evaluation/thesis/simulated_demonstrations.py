@@ -1,9 +1,10 @@
-"""The thesis' four demonstrations: the teacher's scenarios timed by the thesis' tables, and who teaches them.
+"""The thesis' four demonstrations, simulated: the teacher's scenarios with the times of the thesis' tables,
+and their persons.
 
-A person of this suite keeps the thesis' times, forces and load to the letter, as `THESIS` does: speed, pauses
-and forces times one, no irregularity, hesitation or correction, 250 g. The body and the sensors (`DRAWN`) are
-drawn from the seed as `draw_person` draws them, and so is the chance of one demonstration. What the thesis
-or its tables state of its human, robot and sensor (`HUMAN`, `ROBOT`, `SENSOR`, `NO_GRIPPER`) is not drawn:
+A person of this suite has exactly the thesis' times, forces and load, as `THESIS` has: speed, pauses and
+forces times one, no irregularity, hesitation or correction, 250 g. The body and the sensors (`DRAWN`) are
+drawn from the seed as by `draw_person`, and so are the random events of one demonstration. Properties of
+human, robot and sensor that the thesis states (`HUMAN`, `ROBOT`, `SENSOR`, `NO_GRIPPER`) are not drawn:
 
 - the human is a switching proportional controller (3.6): towards a place in free space, where its moves are
   overdamped, and towards a force in contact. Minimum jerk people are the teacher's own;
@@ -78,7 +79,9 @@ PRESS_N = 20.0  # "approx 20 Newton", with which the dispenser is pushed to its 
 
 
 def _timed(scenario: Scenario, changes: Mapping[float, tuple[Step, ...]], first: int = 1) -> Scenario:
-    """The scenario from its step `first` on; a step that ends at a time of `changes` gives way to those."""
+    """Return the scenario from its step `first` on, with steps replaced by those of `changes` with the
+    same end.
+    """
     steps = (changes.get(step.until_s, (step,)) for step in scenario.steps[first:])
     return replace(scenario, steps=tuple(step for some in steps for step in some))
 
@@ -139,7 +142,7 @@ class SuiteDemonstration:
     timed: bool = True
 
     def load(self) -> tuple[Recording, Truth]:
-        """Simulate it."""
+        """Simulate the demonstration; return its recording and truth."""
         # Pinocchio takes a second to load: only for who teaches.
         from caesura_lab.teacher.simulated_teaching import teach  # noqa: PLC0415
 
@@ -150,7 +153,9 @@ class SuiteDemonstration:
 
 
 def person(seed: int, profile: Profile, *, wander: bool = False, gripper: bool = False) -> Person:
-    """The thesis' times, forces, human, robot and sensor, with what it leaves open drawn from the seed."""
+    """Return a person with the thesis' times, forces, human, robot and sensor; the rest is drawn from the
+    seed.
+    """
     drawn = draw_person(np.random.default_rng(seed), f"person-{seed}")
     own = {name: getattr(drawn, name) for name in (*DRAWN, *(SENSOR if wander else ()))}
     sensor = {**({} if wander else SENSOR), **({} if gripper else NO_GRIPPER)}

@@ -1,4 +1,4 @@
-"""All rows on all demonstrations: which settings are compared, and the work in processes."""
+"""Measures all rows on all demonstrations, in processes, under several settings."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class SuiteSetting:
 
 @dataclass(frozen=True)
 class _RescaledChannels:
-    """Channels whose constant velocity model measures in another unit [m]."""
+    """Channels whose constant velocity model uses another length unit [m]."""
 
     channels: Callable[[float], Mapping[str, ChannelModel]]
     length_unit_m: float
@@ -102,7 +102,7 @@ OPEN = (
 
 @dataclass(frozen=True)
 class Task:
-    """One demonstration, and in which settings its rows are measured."""
+    """One demonstration, and the settings in which its rows are measured."""
 
     taught: SuiteDemonstration
     settings: tuple[SuiteSetting, ...]
@@ -112,7 +112,7 @@ Result = Mapping[str, Sequence[RowOutcome]]  # by setting
 
 
 def tasks(seeds: Sequence[int], settings: Sequence[SuiteSetting] = (*MAIN, *OPEN)) -> list[Task]:
-    """One for every different demonstration."""
+    """Return one task for every different demonstration."""
     demonstrations: dict[SuiteDemonstration, list[SuiteSetting]] = {}
     for setting in settings:
         for scenario in SCENARIOS:

@@ -57,7 +57,7 @@ Report = Mapping[str, Mapping[str, Summary]]  # by setting, by row
 
 
 def summarise(results: Iterable[Result]) -> Report:
-    """Put the results of all demonstrations, in any order, together."""
+    """Summarise the results of all demonstrations, in any order."""
     outcomes: dict[str, dict[str, list[RowOutcome]]] = {}
     for result in results:
         for setting, some in result.items():
@@ -129,5 +129,5 @@ def _plain(one: Summary) -> dict[str, Any]:
 
 
 def main_settings(report: Report) -> list[str]:
-    """The names of the main columns that have been measured."""
+    """Return the names of the main columns that have been measured."""
     return [setting.name for setting in MAIN if setting.name in report]

@@ -1,10 +1,9 @@
-"""Pre-run checks of a task program: what cannot be run is refused before anything moves.
+"""Checks of a task program before a run: a program that cannot be run is refused before the robot moves.
 
-Seven checks, one module each, of which six need no robot and are in `caesura_protocol.programs.checks`:
-`timing` of what was re-timed, `value_ranges` of every app for itself, `gripper_capability` of what the
-gripper has, `preconditions` of what holds before each app, `workspace` of targets, and `fidelity` of what was
-taught and is not reproduced. Once the numbers are sane, `reachability` checks the arm: joints, inverse
-kinematics along the way, what stands in it.
+There are seven checks, one module each. Six need no robot and are in `caesura_protocol.programs.checks`:
+`timing` of re-timed apps, `value_ranges` of each app, `gripper_capability`, `preconditions` of each app,
+`workspace` of targets, and `fidelity` to the demonstration. If their numbers are valid, `reachability` checks
+the arm: joints, inverse kinematics along the path, and obstacles.
 """
 
 from __future__ import annotations
@@ -42,11 +41,11 @@ def check(
     robot: Robot | None = None,
     gripper: GripperDescription | None = None,
 ) -> CheckReport:
-    """Return everything that is wrong with a program, app by app; deterministic.
+    """Return all findings on a program, app by app; deterministic.
 
-    cell: limits, what stands there and where the robot begins; quality: what is known of the demonstration;
-    robot: without one, reach is not checked, and a warning says so; gripper: without one, the fingers' widths
-    are compared with the limits of the cell.
+    cell: limits, obstacles and the robot's start; quality: facts about the demonstration; robot: without one,
+    reach is not checked, and a warning states that; gripper: without one, the fingers' widths are compared
+    with the limits of the cell.
     """
     cell = cell or Cell()
     if not apps:

@@ -68,7 +68,7 @@ class _Peak(NamedTuple):
 
     @property
     def slower(self) -> float:
-        """Factor of time with which it keeps to the limit."""
+        """The factor of time with which the path keeps the limit."""
         return self.value / self.allowed
 
     def reason(self, seconds: float) -> str:
@@ -83,7 +83,7 @@ class _Peak(NamedTuple):
 
 
 def reach_findings(apps: Sequence[App], cell: Cell, robot: Robot) -> list[Finding]:
-    """Find what the arm cannot do, and where it would go too fast, too far, or into something."""
+    """Return where the arm cannot follow, is too fast, leaves its limits, or collides."""
     checker = _ReachabilityChecker(cell, robot)
     state = _ArmState(None if cell.start is None else np.array(cell.start), None, None, touching=False)
     found: list[Finding] = []
@@ -133,14 +133,14 @@ class _ReachabilityChecker:
         return found, replace(after, joints=joints)
 
     def joint_reasons(self, apps: Sequence[App]) -> dict[int, str]:
-        """Return why joints are not those of an app's target, by the number of the app."""
+        """Return why joints do not match an app's target, by the number of the app."""
         reasons = ((index, next(self._check_joints(app), None)) for index, app in enumerate(apps))
         return {index: reason for index, reason in reasons if reason is not None}
 
     def other_arm(self, apps: Sequence[App], wrong: Mapping[int, str]) -> Finding | None:
-        """Find that the joints of nearly all apps are not those of this arm at their targets.
+        """Return a finding if the joints of nearly all apps do not belong to this arm's targets.
 
-        wrong: of `joint_reasons`.
+        wrong: from `joint_reasons`.
         """
         stated = sum(app.joints is not None for app in apps)
         if len(wrong) < OF_AT_LEAST or len(wrong) < NEARLY_ALL * stated:
@@ -270,7 +270,7 @@ class _ReachabilityChecker:
         return (-math.inf, 0.0) if top is None else (top - z, self._cell.compliance_depth(x, y))
 
     def _has_left(self, state: _ArmState) -> bool:
-        """Return whether the fingertips are out of what they pressed in: it may follow them."""
+        """Return whether the fingertips have left the object that they pressed in, which may follow them."""
         if state.place is None or state.rotation is None:
             return True
         return self._depth(state.place, state.rotation)[0] <= DEPTH_M

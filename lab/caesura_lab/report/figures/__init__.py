@@ -1,4 +1,4 @@
-"""The pages of a report, one module each. All of them draw a `ReportData` and look nothing up."""
+"""The pages of a report, one module each. All of them draw only the content of a `ReportData`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["pages", "path_page", "run_length_page", "signals_page"]
 
 
 def pages(content: ReportData) -> Iterator[Figure]:
-    """Every page, in the order of reading."""
+    """Yield every page, in the order of reading."""
     windows = style.windows(content)
     yield from (signals_page(content, window) for window in windows)
     yield path_page(content)

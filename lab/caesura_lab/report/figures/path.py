@@ -31,7 +31,7 @@ CAPTION = (
 
 
 def path_page(content: ReportData) -> Figure:
-    """The path in three dimensions, and seen along the two axes that hide least."""
+    """Draw the path in three dimensions, and in the two planes in which it is spread most."""
     figure = style.page(content, "Path in space", CAPTION)
     solid = figure.add_axes((0.01, 0.07, 0.56, 0.80), projection="3d")
     assert isinstance(solid, Axes3D)
@@ -55,7 +55,7 @@ def _path_mm(content: ReportData) -> Array:
 
 
 def _changepoints_mm(content: ReportData) -> Array:
-    """(c, 3) where the changepoints are, with the path's two ends."""
+    """Return (c, 3) positions [mm] of the changepoints, with the path's two ends."""
     ends = content.view.segments
     path = [ends[0].position_start, *(one.position_start for one in ends[1:]), ends[-1].position_end]
     return 1000.0 * np.array(path)
@@ -128,7 +128,7 @@ def _plane(content: ReportData, axes: Axes, a: int, b: int) -> None:
 
 
 def _numbers(axes: Axes, points: Array) -> None:
-    """The numbers of the segments that begin at each place."""
+    """Draw the numbers of the segments that begin at each position."""
     apart = LABEL_DISTANCE * max(float(np.ptp(points, axis=0).max()), LEAST_SPAN_MM)
     groups: list[tuple[Array, list[int]]] = []
     for number, point in enumerate(points[:-1], start=1):
@@ -154,7 +154,7 @@ def _numbers(axes: Axes, points: Array) -> None:
 
 
 def _shortened(numbers: str) -> str:
-    """A label that many visits to a place do not make longer than the page is wide."""
+    """Return a label with a limited length, also for many visits to a position."""
     parts = numbers.split(", ")
     return numbers if len(parts) <= MOST_PARTS else f"{parts[0]}, …"
 

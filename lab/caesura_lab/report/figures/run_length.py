@@ -41,7 +41,7 @@ def run_length_page(content: ReportData, window: style.Window) -> Figure:
 
 
 def _changes(content: ReportData, axes: Axes) -> None:
-    """Offline up, online down."""
+    """Draw offline probabilities upwards, online ones downwards."""
     changes = content.changes
     style.mark_changepoints(content, axes)
     style.bars(axes, changes.t, changes.offline)
@@ -72,7 +72,7 @@ def _image(content: ReportData, axes: Axes) -> AxesImage:
 
 
 def _grey(probability: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(m, m, 4) black, the more opaque the more probable, on a logarithmic scale."""
+    """Return (m, m, 4) black with an opacity that grows with the logarithm of the probability."""
     shown = np.log(np.maximum(probability, LEAST_PROBABILITY)) / np.log(LEAST_PROBABILITY)
     image = np.zeros((*probability.shape, 4))
     image[..., 3] = 1.0 - shown
@@ -95,7 +95,7 @@ def _scale(figure: Figure, drawn: AxesImage) -> None:
 
 
 def _delayed(content: ReportData, axes: Axes, delay_s: float) -> None:
-    """P(the segment started at τ | data up to τ + delay): run-length probabilities put where they begin."""
+    """Draw P(the segment started at τ | data up to τ + delay), at τ."""
     style.mark_changepoints(content, axes)
     known = content.run_lengths.start_probability_after(delay_s)
     style.bars(axes, content.run_lengths.start_t[1:], known[1:])

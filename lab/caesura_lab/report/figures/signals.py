@@ -28,7 +28,7 @@ Draw = Callable[[ReportData, Axes], None]
 
 @dataclass(frozen=True)
 class _Band:
-    """A stretch in a lane: names it may carry, the longest first."""
+    """An interval in a lane, with possible names, the longest first."""
 
     t0: float
     tn: float
@@ -66,7 +66,7 @@ def signals_page(content: ReportData, window: style.Window) -> Figure:
 
 
 def _panels(content: ReportData) -> list[tuple[str, float, Draw]]:
-    """Label, share of the height, and how to draw it."""
+    """Return label, share of the height, and drawing function of each panel."""
     force = [("force on the robot [N]", 3.0, _force)] if content.signals.force is not None else []
     return [
         ("flange moved [mm]", 3.0, _position),
@@ -167,7 +167,7 @@ def _phase_lanes(content: ReportData) -> list[tuple[str, list[_Band]]]:
 
 
 def _loaded(index: int, one: Segment) -> tuple[str, ...]:
-    """The name with the load, where there is one."""
+    """Return the names of a segment with its load, if there is one."""
     return () if one.load_kg is None else (f"{index} {one.kind}, {1000.0 * one.load_kg:.0f} g",)
 
 
@@ -184,7 +184,7 @@ def _lane(axes: Axes, label: str, bands: list[_Band]) -> None:
 
 
 def _name(axes: Axes, band: _Band) -> None:
-    """The longest of a band's names that fits into it, if one does."""
+    """Write the longest of a band's names that fits into it, if any."""
     first, last = axes.get_xlim()
     t0, tn = band.widest((first, last))
     width = style.A4_LANDSCAPE[0] * (style.RIGHT - style.LEFT) * (tn - t0) / (last - first)

@@ -1,6 +1,6 @@
 """The common style of all pages: paper, ink, colours of kinds and axes.
 
-No colour carries a meaning alone: kinds also have their names, and axes their dashes.
+Colour is never the only distinction: kinds also have their names, and axes their dashes.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ HEADING = "heading"  # marks what names the page, for a writer that names it oth
 
 
 def page(content: ReportData, title: str, caption: str = "") -> Figure:
-    """An empty A4 page with its heading and a line on how to read it."""
+    """Return an empty A4 page with its heading and a caption."""
     figure = Figure(figsize=A4_LANDSCAPE, facecolor="white", label=title)
     figure.text(LEFT, 0.965, title, fontsize=13, fontweight="bold", va="center", gid=HEADING)
     figure.text(RIGHT, 0.965, heading(content), color=FAINT, ha="right", va="center", gid=HEADING)
@@ -98,19 +98,19 @@ def heading(content: ReportData) -> str:
 
 
 def kinds_present(content: ReportData) -> list[str]:
-    """Kinds that occur, found or true, in the order of the palette."""
+    """Return the kinds that occur, found or true, in the order of the palette."""
     found = {one.kind for one in content.view.segments}
     true = {one.kind for one in content.truth.spans} if content.truth else set()
     return [kind for kind in COLOUR_OF_KIND if kind in found | true]
 
 
 def kind_patches(kinds: Iterable[str], opacity: float = 2 * SHADE) -> list[Patch]:
-    """Legend entries."""
+    """Return legend entries of kinds."""
     return [Patch(facecolor=COLOUR_OF_KIND[kind], alpha=opacity, label=kind) for kind in kinds]
 
 
 def shade(content: ReportData, axes: Axes) -> None:
-    """Segments as bands behind the signals, gaps hatched."""
+    """Draw segments as bands behind the signals, gaps hatched."""
     for one in content.view.segments:
         axes.axvspan(one.t0, one.tn, facecolor=COLOUR_OF_KIND[one.kind], alpha=SHADE, linewidth=0)
         axes.axvline(one.t0, color=INK, linewidth=0.5, alpha=0.45)
@@ -119,7 +119,7 @@ def shade(content: ReportData, axes: Axes) -> None:
 
 
 def mark_truth(content: ReportData, axes: Axes) -> None:
-    """True boundaries as dashed ticks from below, short ones where a boundary is optional."""
+    """Draw true boundaries as dashed ticks from below, short ones for optional boundaries."""
     for one in content.truth.points if content.truth else ():
         axes.axvline(
             one.t,
@@ -131,19 +131,21 @@ def mark_truth(content: ReportData, axes: Axes) -> None:
 
 
 def mark_changepoints(content: ReportData, axes: Axes) -> None:
-    """The chosen ones as thin red lines behind everything."""
+    """Draw the changepoints as thin red lines behind the signals."""
     for one in content.view.changepoints:
         axes.axvline(one.t, color=RED, linewidth=0.6, alpha=0.5, zorder=-1)
 
 
 def bars(axes: Axes, t: Array, probability: Array, colour: str = INK, **options: Any) -> None:
-    """A probability (n,) for every observation, upwards or, negated, downwards; those unseen are left out."""
+    """Draw a probability (n,) per observation, upwards or, negated, downwards; invisible ones are left
+    out.
+    """
     seen = np.abs(probability) > LEAST_SEEN
     axes.bar(t[seen], probability[seen], width=0.7 * STEP_S, color=colour, **options)
 
 
 def whole(content: ReportData) -> Window:
-    """All of a recording, with half a sample to either side."""
+    """Return the window of a recording, with half a sample on either side."""
     t = content.signals.t
     return float(t[0]) - STEP_S / 2, max(float(t[-1]), float(t[0]) + STEP_S) + STEP_S / 2
 

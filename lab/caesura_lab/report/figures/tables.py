@@ -1,4 +1,4 @@
-"""Tables on paper: as many pages as the rows need; one that fits on a page is not divided."""
+"""Tables on paper, on as many pages as needed; a table that fits on a page is not divided."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NOTE_LINE, EDGE = 0.019, 0.02  # heights, shares of the page
 
 
 def table_pages(content: ReportData, tables: Sequence[Table]) -> Iterator[Figure]:
-    """One table after the other, continued where a page ends; the notes come last."""
+    """Yield pages with the tables in order, continued on the next page; the notes are last."""
     figure, top = style.page(content, tables[0].title), FIRST
     for number, table in enumerate(tables):
         rest = table
@@ -57,7 +57,7 @@ def _part(table: Table, first: int, last: int | None) -> Table:
 
 
 def _draw(figure: Figure, part: Table, whole: Table, top: float) -> float:
-    """Draw some rows of a table under its heading; returns where they end."""
+    """Draw some rows of a table under its heading; return their lower edge."""
     edges = _edges(whole)
     for column, (left, right) in zip(whole.columns, edges, strict=True):
         place, align = _flush(column, left, right)
@@ -95,7 +95,7 @@ def _flush(column: TableColumn, left: float, right: float) -> tuple[float, str]:
 
 
 def _edges(table: Table) -> list[tuple[float, float]]:
-    """Left and right of every column, as wide as its longest cell needs."""
+    """Return left and right edge of every column, as wide as its longest cell."""
     cells = [[column.name, *(row[i] for row in table.rows)] for i, column in enumerate(table.columns)]
     letters = [max(len(cell) for cell in column) + PADDING for column in cells]
     unit = (style.RIGHT - style.LEFT) / (sum(letters) - PADDING)
@@ -111,7 +111,7 @@ def _rule(figure: Figure, height: float) -> None:
 
 
 def _note(figure: Figure, top: float, note: str) -> float:
-    """A paragraph below a table; returns where it ends."""
+    """Draw a paragraph below a table; return its lower edge."""
     for line in textwrap.wrap(note, NOTE_LETTERS):
         figure.text(style.LEFT, top - 0.008, line, va="top", fontsize=7.5, color=style.FAINT)
         top -= NOTE_LINE

@@ -58,8 +58,9 @@ SAMPLED = (
 
 
 class Caesura:
-    """A connection with the service. Use it as a context manager: an open session blocks the interpreter's
-    exit.
+    """A connection with the service.
+
+    Use it as a context manager: an open session blocks the interpreter's exit.
     """
 
     def __init__(self, transport: Transport) -> None:
@@ -239,8 +240,9 @@ class Caesura:
 
 
 def _made(action: type[A], **fields: Any) -> A:
-    """Return an action with these fields. Raises ProtocolError `malformed`, as the service does, if
-    invalid.
+    """Return an action with these fields.
+
+    Raises ProtocolError `malformed`, as the service does, if invalid.
     """
     try:
         return action(**fields)

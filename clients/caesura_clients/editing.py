@@ -71,8 +71,9 @@ def preview(
 
 
 def send(transport: Transport, station: str, made: Made, *, patience_s: float = PATIENCE_S) -> Ack:
-    """Send an edit; repeat it while the service is overloaded or silent, at most `patience_s`. Raises as
-    `edit`.
+    """Send an edit; repeat it while the service is overloaded or silent, at most `patience_s`.
+
+    Raises as `edit`.
     """
     began = time.monotonic()
     while True:

@@ -237,8 +237,9 @@ def services(transport: Transport) -> list[str]:
 
 
 def service_status(transport: Transport) -> list[ServiceStatus]:
-    """Query the status of every instance. Raises Unreachable where there is none, AccessDenied, or
-    ProtocolError where no answer came.
+    """Query the status of every instance.
+
+    Raises Unreachable where there is none, AccessDenied, or ProtocolError where no answer came.
     """
     found = _query_all(transport, service_key("*", "status"), ServiceStatus)
     if not found:
@@ -301,13 +302,12 @@ def _query_all(
     parameters: str = "",
     timeout_s: float = QUERY_TIMEOUT_S,
 ) -> list[M]:
-    """Return the answers to a query; empty if no service is alive, or every live one states that it has
-    nothing.
+    """Return the answers to a query.
 
-    Makes QUERY_ATTEMPTS attempts if replies of a long answer were lost or the query timed out, and
-    PIECES_ATTEMPTS if fragments of it were received. A query that the service refuses as `overloaded` is not
-    repeated: that would add to its load. Raises ProtocolError, or AccessDenied if a service is alive and does
-    not reply.
+    Empty if no service is alive, or every live one states that it has nothing. Makes QUERY_ATTEMPTS attempts
+    if replies of a long answer were lost or the query timed out, and PIECES_ATTEMPTS if fragments of it were
+    received. A query that the service refuses as `overloaded` is not repeated: that would add to its load.
+    Raises ProtocolError, or AccessDenied if a service is alive and does not reply.
     """
     # Most answers take 0.1 s: one that was lost is not waited for as long as one that takes its time.
     limits = (min(timeout_s, QUERY_TIMEOUT_S), *[timeout_s] * (PIECES_ATTEMPTS - 1))
@@ -435,11 +435,10 @@ def _decoded(
 
 
 def _confirmed(transport: Transport, station: str, ask: Callable[[], Found]) -> Found:
-    """Return the result of `ask`; an empty result is confirmed by a second query. Raises as
-    `_unless_held_back`.
+    """Return the result of `ask`; an empty result is confirmed by a second query.
 
-    Just after an instance has left, the others hold nothing of its stations and have not begun to take them
-    over.
+    Raises as `_unless_held_back`. Just after an instance has left, the others hold nothing of its stations
+    and have not begun to take them over.
     """
     if found := _unless_held_back(transport, station, ask):
         return found

@@ -54,8 +54,9 @@ class Update:
 
     @property
     def t(self) -> float:
-        """Time of the newest observation in the results [s]; the posterior is published more often than
-        the status.
+        """Time of the newest observation in the results [s].
+
+        The posterior is published more often than the status.
         """
         posterior_s = self.status.t if self.posterior is None else self.posterior.t
         return max(self.status.t, posterior_s, self.program.t)
@@ -118,8 +119,9 @@ class SessionReader:
 
 
 def _applied(update: Update, message: Published, *, next_one: bool) -> Update | None:
-    """Return the state after a message, which may be applied twice; None if there is a gap before its
-    list.
+    """Return the state after a message, which may be applied twice.
+
+    None if there is a gap before its list.
     """
     match message:
         case SessionStatus() | Posterior() | Hints() | Program():

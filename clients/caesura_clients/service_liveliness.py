@@ -31,8 +31,9 @@ class LiveServices:
         return bool(self._alive)
 
     def receive(self, presence: TokenChange) -> Change | None:
-        """Apply a change of a token; return `there` for the first service, `gone` after the last one, else
-        None.
+        """Apply a change of a token.
+
+        Return `there` for the first service, `gone` after the last one, else None.
         """
         before = bool(self)
         if presence.alive:

@@ -238,8 +238,9 @@ def truth_of(content: Mapping[str, Any], name: str) -> Truth:
 
 
 def _each(content: Mapping[str, Any], what: str, read: Callable[[Mapping[str, Any]], T]) -> tuple[T, ...]:
-    """Return all items of a list, converted by `read`. Raises ValueError, which states the invalid one,
-    KeyError.
+    """Return all items of a list, converted by `read`.
+
+    Raises ValueError, which states the invalid one, KeyError.
     """
     entries = content[what]
     if not isinstance(entries, list | tuple):

@@ -66,8 +66,9 @@ def encode(message: Message, *, limit: int = MAX_MESSAGE_BYTES) -> Encoded:
 
 
 class PreEncoded(ABC):
-    """A sequence of messages, some of which are stored as payloads of this codec; it replaces a tuple of
-    them.
+    """A sequence of messages, some of which are stored as payloads of this codec.
+
+    It replaces a tuple of them.
     """
 
     @abstractmethod
@@ -248,8 +249,9 @@ def matrix_of(batch: SampleBatch) -> NDArray[np.float64]:
 
 
 def cells_of(batch: SampleBatch) -> NDArray[np.floating[Any]]:
-    """Return the numbers of a batch as sent, (n, columns), without a copy. Raises ProtocolError
-    `malformed`.
+    """Return the numbers of a batch as sent, (n, columns), without a copy.
+
+    Raises ProtocolError `malformed`.
     """
     if batch.columns[0] != "t":
         raise ProtocolError("malformed", "first column is not t", value=batch.columns[0], expected="t")

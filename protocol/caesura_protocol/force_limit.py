@@ -41,8 +41,9 @@ def is_press(newton: float) -> bool:
 
 
 def with_force_limit(app: App, limit_n: float) -> App:
-    """Return the app with its forces [N] limited; an app below the limit, or without a force, is
-    unchanged.
+    """Return the app with its forces [N] limited.
+
+    An app below the limit, or without a force, is unchanged.
     """
     cut: dict[str, object] = {}
     exerted = 0.0 if app.force is None else math.hypot(*app.force)

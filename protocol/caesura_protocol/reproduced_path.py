@@ -97,8 +97,9 @@ class Curve:
         return found
 
     def at(self, t: float) -> tuple[Array, Array, Array]:
-        """Return value, velocity and acceleration (c,) at a time; after the end the curve continues as it
-        arrived.
+        """Return value, velocity and acceleration (c,) at a time.
+
+        After the end the curve continues as it arrived.
         """
         if t >= self._times[-1]:
             last = self.velocities[-1]
@@ -180,10 +181,9 @@ def curve_of(app: App) -> Curve:
 
 
 def turning_at_points(app: App) -> list[Vector]:
-    """Return the rates of turn [rad/s] of an app's path at its start and via points; empty without
-    orientations.
+    """Return the rates of turn [rad/s] of an app's path at its start and via points.
 
-    Raises as `knots_of`.
+    Empty without orientations. Raises as `knots_of`.
     """
     curve = curve_of(app)
     return [(x, y, z) for x, y, z in curve.passing[:-1, 3:].tolist()] if curve.values.shape[1] == 7 else []
@@ -202,11 +202,10 @@ def path_in_words(app: App, unit: str = " via") -> str:
 
 
 def turn_of(app: App) -> float:
-    """Return the turn [rad] of an app: that of its screw motion, else the largest along its path; 0 without
-    either.
+    """Return the turn [rad] of an app: that of its screw motion, else the largest along its path.
 
-    Along a path the rotation vectors from knot to knot are summed, so a turn may exceed 180°, and turning
-    back reduces it.
+    0 without either. Along a path the rotation vectors from knot to knot are summed, so a turn may exceed
+    180°, and turning back reduces it.
     """
     if app.path is None or app.target is None:
         return 0.0

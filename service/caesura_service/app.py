@@ -59,8 +59,9 @@ class Service:
         stop: threading.Event | None = None,
         join: Join = join,
     ) -> None:
-        """journal: used instead of the configured one; stop: ends a wait for a router; join: as in
-        ZenohServer.
+        """journal: used instead of the configured one; stop: ends a wait for a router.
+
+        join: as in ZenohServer.
         """
         self.config = config or ServiceConfig()
         owner = Owner(self.config.instance, int(time.time() * 1000))

@@ -172,15 +172,17 @@ class Bridge:
 
     @property
     def ignored_up(self) -> str | None:
-        """A warning that the service ignores the stated direction of up; None if it uses it or none is
-        stated.
+        """A warning that the service ignores the stated direction of up.
+
+        None if it uses it or none is stated.
         """
         return self._ignored_up
 
     @property
     def stuck_s(self) -> float:
-        """Time [s] for which the service has requested the same batch, which it cannot store; 0 if it does
-        not.
+        """Time [s] for which the service has requested the same batch, which it cannot store.
+
+        0 if it does not.
         """
         return self._replay.stuck_s
 
@@ -231,8 +233,9 @@ class Bridge:
         return self.finish()
 
     def wait_open(self, timeout_s: float | None = None) -> None:
-        """Wait until a service has opened the session. Raises Unreachable, or ProtocolError where it
-        refuses.
+        """Wait until a service has opened the session.
+
+        Raises Unreachable, or ProtocolError where it refuses.
         """
         if not self._answered.wait(timeout_s):
             raise Unreachable(f"no service has opened {self.station}/{self.session} for {timeout_s:g} s")

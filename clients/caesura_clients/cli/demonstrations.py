@@ -129,8 +129,9 @@ def _newest(received: Inbox) -> BridgeStatus | None:
 
 
 def what_lasts(status: BridgeStatus | None) -> str:
-    """Return why a stop has not returned, from the status of its bridge; None: the bridge has not
-    answered.
+    """Return why a stop has not returned, from the status of its bridge.
+
+    None: the bridge has not answered.
     """
     if status is None:
         return "the bridge has not answered yet"

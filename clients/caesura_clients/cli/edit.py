@@ -150,8 +150,9 @@ def _done(action: Action, effect: EditEffect | None, seen: _SessionSeen) -> str:
 
 
 def _beside(action: Action, effect: EditEffect, clock: SessionClock) -> str:
-    """Return text on the changepoints of an action at other times than typed; empty if the shown times are
-    equal.
+    """Return text on the changepoints of an action at other times than typed.
+
+    Empty if the shown times are equal.
     """
     said = []
     if isinstance(action, Remove | Move):

@@ -184,8 +184,9 @@ class Typed(NamedTuple):
 
 
 def typed(words: Sequence[str], part: Part = NO_PART) -> Typed:
-    """Parse the words of an edit, as far as this needs no program. Raises BadParameter, which lists the
-    valid edits.
+    """Parse the words of an edit, as far as this needs no program.
+
+    Raises BadParameter, which lists the valid edits.
     """
     do, *rest = words
     if do == "replace":

@@ -216,8 +216,9 @@ def _options_of(group: Any) -> list[inspect.Parameter]:
 
 
 def safety_of(program: ProgramFile, cell: Path | None, force_n: float | None) -> Safety:
-    """Return the limits for a program: from the cell's file, or else from the program. Raises
-    CaesuraError.
+    """Return the limits for a program: from the cell's file, or else from the program.
+
+    Raises CaesuraError.
     """
     safety = program.safety if cell is None else cell_safety(cell, program.robot)
     return safety if force_n is None else safety.model_copy(update={"force_n": force_n})

@@ -32,8 +32,9 @@ class BoundedLog(logging.Filter):
         self._left_out = 0
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Return whether a message passes; a message that passes states how many did not since the last
-        one.
+        """Return whether a message passes.
+
+        A message that passes states how many did not since the last one.
         """
         with self._lock:
             if not self._limit.allows("library"):

@@ -114,8 +114,9 @@ def _changed(action: ChangeApp, seen: Values, app: App) -> ChangeApp:
 
 
 def _wanted(action: ChangeApp) -> Iterator[tuple[str, Any]]:
-    """Yield the fields that a change sets, with their values in the units of the page; "" for a cleared
-    field.
+    """Yield the fields that a change sets, with their values in the units of the page.
+
+    "" for a cleared field.
     """
     for name in FIELD_WORDS:
         if (value := getattr(action, name, None)) is not None:

@@ -171,10 +171,10 @@ class ProgramTimeline(LiveElement, component="web/program.js"):
         editable: bool,
         speeds: Sequence[str],
     ) -> None:
-        """on_simulate: called with one of `speeds`; empty `speeds` disable the simulation. on_cancel: ends
-        it.
+        """on_simulate: called with one of `speeds`.
 
-        on_compare: called with the numbers of the last edits of two versions.
+        Empty `speeds` disable the simulation. on_cancel: ends it. on_compare: called with the numbers of the
+        last edits of two versions.
         """
         super().__init__()
         self._props |= {"editable": editable, "speeds": list(speeds)}

@@ -191,8 +191,9 @@ class NetworkFollower(RepeatingThreads):
         return self.clock() >= self._asked.get(station, -math.inf) + POLL_S
 
     def _ask_current(self, station: str) -> None:
-        """Query the current session of a station; if no service answers in time, keep the known one and
-        retry.
+        """Query the current session of a station.
+
+        If no service answers in time, keep the known one and retry.
         """
         self._asked[station] = self.clock()
         self._unsure.discard(station)

@@ -107,8 +107,9 @@ def changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, An
 
 
 def card(number: int, app: App) -> dict[str, Any]:
-    """Return the payload of one app. Lines are (name, value with unit); drawing: an svg element of its
-    path.
+    """Return the payload of one app.
+
+    Lines are (name, value with unit); drawing: an svg element of its path.
     """
     return {
         "number": number,

@@ -79,10 +79,10 @@ class SignalRing:
     def read(
         self, station: str, wanted: SampleRange, unit: LengthUnit, frame: ForceFrame
     ) -> RecordedSamples | None:
-        """Return the points of a range in the form of a service's reply; `first` is None if the beginning was
-        not received.
+        """Return the points of a range in the form of a service's reply.
 
-        unit: of the session's positions; frame: of its force.
+        `first` is None if the beginning was not received. unit: of the session's positions; frame: of its
+        force.
         """
         with self._lock:
             self._fold()

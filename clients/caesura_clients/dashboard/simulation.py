@@ -133,8 +133,9 @@ class Simulator:
         return {"said": words, "stopped": not ended_well, "points": (table + 0.0).tolist()}
 
     def _command(self, words: Sequence[str], made: Path) -> tuple[str, bool]:
-        """Run a command that writes a file; return its output, and whether it succeeded. Raises
-        EditRefused.
+        """Run a command that writes a file; return its output, and whether it succeeded.
+
+        Raises EditRefused.
         """
         said, code = self._current.outcome([sys.executable, "-m", "caesura_clients", *words])
         lines = said.strip()

@@ -39,8 +39,9 @@ class RerunSink:
     """
 
     def __init__(self, name: str, *, viewer: str | None = None, file: Path | None = None) -> None:
-        """viewer: its address, such as rerun+http://127.0.0.1:9876/proxy; file: the rrd file to write
-        instead.
+        """viewer: its address, such as rerun+http://127.0.0.1:9876/proxy.
+
+        file: the rrd file to write instead.
         """
         self._name, self._viewer, self._file = name, viewer, file
         self._recording: Any = None

@@ -103,8 +103,9 @@ class AnnotationSession(NamedTuple):
 
 
 class AnnotationView(Element, component="web/annotate.js", esm=MODULES):
-    """Signals, marks and keys. Emits `command` with a name and a time, each after the reply to the last
-    one.
+    """Signals, marks and keys.
+
+    Emits `command` with a name and a time, each after the reply to the last one.
     """
 
     def __init__(self, annotation_session: AnnotationSession) -> None:

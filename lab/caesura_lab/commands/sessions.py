@@ -149,8 +149,9 @@ def _write_dataset(matches: list[Found], out: Path, asked: DatasetOptions) -> st
 
 
 def _format_of(out: Path, asked: Format | None, names: list[str], dataset: DatasetOptions) -> Format:
-    """Return the format. Raises CaesuraError for none, for a missing extra, and for options that do not
-    apply.
+    """Return the format.
+
+    Raises CaesuraError for none, for a missing extra, and for options that do not apply.
     """
     chosen = asked or next((one for one in WRITERS if out.suffix == f".{one}"), None)
     if chosen is None:

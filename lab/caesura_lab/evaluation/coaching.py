@@ -66,7 +66,8 @@ class PublishedHint:
 
 @dataclass(frozen=True)
 class FaultResult:
-    """Result of one fault. latency [s]: from its cause to the first hint, negative for an earlier hint;
+    """Result of one fault. latency [s]: from its cause to the first hint, negative for an earlier hint.
+
     None: no hint.
     """
 
@@ -107,8 +108,9 @@ EACH = 7  # faults that are tried in a demonstration
 
 
 def published(recording: Recording) -> list[PublishedHint]:
-    """Return every hint of a recording, with the time at which a subscriber receives it [s]. Raises as
-    `views`.
+    """Return every hint of a recording, with the time at which a subscriber receives it [s].
+
+    Raises as `views`.
     """
     first: dict[tuple[HintKind, float], PublishedHint] = {}
     until: dict[tuple[HintKind, float], float | None] = {}

@@ -190,8 +190,9 @@ def _drift(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
 
 
 def _warped(recording: Recording, t_of_sample: Array) -> Recording:
-    """Return the recording at 1 kHz with changed times; t_of_sample: (n,) [s] original time of each
-    sample.
+    """Return the recording at 1 kHz with changed times.
+
+    t_of_sample: (n,) [s] original time of each sample.
     """
     t = np.arange(len(t_of_sample)) * (recording.t[1] - recording.t[0])
     signals = {

@@ -84,8 +84,9 @@ def match(
 
 
 def f1(hits: float, false_alarms: float, misses: float) -> float:
-    """Return the harmonic mean of precision and recall; 1 if there was nothing to find and nothing was
-    found.
+    """Return the harmonic mean of precision and recall.
+
+    1 if there was nothing to find and nothing was found.
     """
     total = 2 * hits + false_alarms + misses
     return 2 * hits / total if total else 1.0
@@ -157,10 +158,10 @@ class TimedEstimate(NamedTuple):
 def present_since(
     timed_estimates: Iterable[TimedEstimate], accepted_s: Sequence[float], tolerance_s: float, *, final: bool
 ) -> float | None:
-    """Return the time [s] since which a changepoint within tolerance is continuously present; None if it is
-    not.
+    """Return the time [s] since which a changepoint within tolerance is continuously present.
 
-    accepted_s: times [s], near any of which it may be; final: only those that were final count.
+    None if it is not. accepted_s: times [s], near any of which it may be; final: only those that were final
+    count.
     """
     since: float | None = None
     for estimate in timed_estimates:

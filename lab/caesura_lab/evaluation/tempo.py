@@ -23,10 +23,10 @@ TEMPI: Mapping[str, tuple[float, float]] = {
 
 
 def in_tempo(recording: Recording, truth: Truth, tempo: str) -> tuple[Recording, Truth]:
-    """Return recording and truth in one of TEMPI; the wrench is unchanged, joints of a scaled path are
-    removed.
+    """Return recording and truth in one of TEMPI.
 
-    Joints without positions are the path, and are scaled.
+    The wrench is unchanged, joints of a scaled path are removed. Joints without positions are the path, and
+    are scaled.
     """
     duration, size = TEMPI[tempo]
     begun = float(recording.t[0])

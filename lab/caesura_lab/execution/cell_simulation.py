@@ -43,8 +43,9 @@ class CellSimulation:
         return abs(self.width_m - self._goal_m) < SETTLED_M
 
     def send_fingers(self, width_m: float, speed_m_per_s: float) -> None:
-        """Move the fingers towards a width [m]; an object between them stops them, and opening releases
-        it.
+        """Move the fingers towards a width [m].
+
+        An object between them stops them, and opening releases it.
         """
         self._goal_m, self._speed = width_m, speed_m_per_s
 

@@ -75,8 +75,9 @@ def _snapshots(online: ChangepointFilter, conditioned: ConditionedRecording) -> 
 
 
 def _offline(online: ChangepointFilter, conditioned: ConditionedRecording) -> Array:
-    """Return (n,) changepoint probability given the whole recording; it restarts at a gap, like the
-    filter.
+    """Return (n,) changepoint probability given the whole recording.
+
+    It restarts at a gap, like the filter.
     """
     parts = [
         segment_offline(

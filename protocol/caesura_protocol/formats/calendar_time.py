@@ -36,8 +36,9 @@ def is_calendar_time(cell: str) -> bool:
 
 
 def seconds_of(cells: Sequence[str], places: Sequence[str]) -> CalendarTimes:
-    """Convert the times of all samples. places: their names in errors. Raises ValueError for an invalid
-    one.
+    """Convert the times of all samples. places: their names in errors.
+
+    Raises ValueError for an invalid one.
     """
     times: list[datetime] = []
     for place, cell in zip(places, cells, strict=True):

@@ -129,8 +129,9 @@ def guessed(layout: CsvLayout) -> MappingAnswers:
 
 
 def _called(header: Collection[str], aliases: Collection[str]) -> str | None:
-    """Return the column with one of these names, the flange's first; else the only one whose path ends with
-    one.
+    """Return the column with one of these names, the flange's first.
+
+    Else the only one whose path ends with one.
 
     >>> _called(["tcp_x", "flange_x"], {"tcpx", "flangex"}), _called(["field.pose.position.x"], {"positionx"})
     ('flange_x', 'field.pose.position.x')

@@ -23,8 +23,9 @@ def encoding_of(path: Path) -> str:
 
 
 def read_lines(path: Path) -> list[str]:
-    """Return all lines without their ends. Raises RecordingError for an unknown encoding, OSError as
-    `open`.
+    """Return all lines without their ends.
+
+    Raises RecordingError for an unknown encoding, OSError as `open`.
     """
     content = path.read_bytes()
     encoding = encoding_of(path)

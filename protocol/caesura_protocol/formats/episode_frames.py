@@ -112,8 +112,9 @@ def episodes_of(sources: Sequence[EpisodeSource], fps: int | None = None) -> lis
 
 
 def _rate(one: EpisodeSource) -> float:
-    """Return the rate [Hz] of the samples from their median interval. Raises EpisodeError for a single
-    sample.
+    """Return the rate [Hz] of the samples from their median interval.
+
+    Raises EpisodeError for a single sample.
     """
     times = np.unique(one.recording.t)
     if times.size < 2:

@@ -121,8 +121,9 @@ def read_foreign_csv(path: Path, mapped: ColumnMapping) -> RawRecording:
 
 
 def _turned(mapped: ColumnMapping, column: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the quaternions of three angles. Raises RecordingError if they are incomplete or defined
-    twice.
+    """Return the quaternions of three angles.
+
+    Raises RecordingError if they are incomplete or defined twice.
     """
     stated = {signal: names for signal, names in TURNS.items() if set(names) & set(column)}
     if len(stated) + ("qx" in column) > 1:

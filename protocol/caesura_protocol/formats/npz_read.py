@@ -25,8 +25,9 @@ NPZ_STATED = (*STATED, QUATERNION_ORDER)
 
 
 def read_npz(path: Path) -> RawRecording:
-    """Return arrays and options of a file. Raises RecordingError, or ValueError if it is no archive of
-    arrays.
+    """Return arrays and options of a file.
+
+    Raises RecordingError, or ValueError if it is no archive of arrays.
     """
     if not is_zipfile(path):
         raise ValueError("no archive of arrays, as numpy.savez writes it, or cut short")

@@ -272,10 +272,10 @@ def is_bag(path: Path) -> bool:
 
 
 def recordings_of(paths: Iterable[Path]) -> list[Path]:
-    """Return the named recordings, each once; a directory that is no rosbag2 names all its recordings,
-    sorted.
+    """Return the named recordings, each once.
 
-    Raises RecordingError for a directory without one.
+    A directory that is no rosbag2 names all its recordings, sorted. Raises RecordingError for a directory
+    without one.
     """
     found: list[Path] = []
     for path in paths:

@@ -35,8 +35,9 @@ FIRST_MESSAGES = 50  # messages of a topic, to find its signals: joint states ma
 
 
 def read_rosbag(path: Path, mapped: ColumnMapping | None, stated: WrenchStatement) -> RawRecording:
-    """Read a rosbag2's directory, or one of its files. Raises RecordingError, or ValueError for another
-    file.
+    """Read a rosbag2's directory, or one of its files.
+
+    Raises RecordingError, or ValueError for another file.
     """
     rules = topic_rules(mapped)
     store = typestore(definitions_of(rules, path))

@@ -93,10 +93,10 @@ def left_out(recording: Recording) -> tuple[str, ...]:
 
 
 def stray_places(recording: Recording) -> str | None:
-    """Return text on samples far from those before and after, which are close to each other; None without
-    any.
+    """Return text on samples far from those before and after, which are close to each other.
 
-    A lost value that was written as 0 appears so. No robot moves there and back within a few samples.
+    None without any. A lost value that was written as 0 appears so. No robot moves there and back within a
+    few samples.
     """
     signal = "pos" if "pos" in recording.signals else "q"
     scale, unit, speed, least = LEAPS[signal](recording)

@@ -22,8 +22,9 @@ class Start(Message):
 
 
 class Stop(Message):
-    """Command to a bridge in standby: send the remaining samples and close the session. Repeating it is no
-    error.
+    """Command to a bridge in standby: send the remaining samples and close the session.
+
+    Repeating it is no error.
     """
 
     type: Literal["stop"] = "stop"

@@ -54,8 +54,9 @@ class FieldDifference(NamedTuple):
 
 
 class AppPair(NamedTuple):
-    """Corresponding apps of two programs, by index, None if only one has it; with their differences as
-    text.
+    """Corresponding apps of two programs, by index, None if only one has it.
+
+    With their differences as text.
     """
 
     one: int | None

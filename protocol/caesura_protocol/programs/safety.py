@@ -17,10 +17,10 @@ STOP_SHARE = 0.95  # of a limit of speed or force, from which on the robot is st
 
 
 class Safety(BaseModel):
-    """Limits of speed, force and position. Speeds are the flange's; forces are exerted or measured by the
-    robot.
+    """Limits of speed, force and position.
 
-    Each field has bounds that all supported arms satisfy, so that a number in millimetres is rejected.
+    Speeds are the flange's; forces are exerted or measured by the robot. Each field has bounds that all
+    supported arms satisfy, so that a number in millimetres is rejected.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -100,8 +100,9 @@ UNSET = CellSettings()
 
 
 def read_safety(path: Path) -> Safety:
-    """Read the limits of a cell: a JSON object with those that differ from the default. Raises
-    CaesuraError.
+    """Read the limits of a cell: a JSON object with those that differ from the default.
+
+    Raises CaesuraError.
     """
     try:
         return Safety.model_validate_json(path.read_text(encoding="utf-8"))

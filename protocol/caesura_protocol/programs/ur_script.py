@@ -73,8 +73,9 @@ def ur_script(program: ProgramFile) -> str:
 
 
 def _gravity(program: ProgramFile) -> str:
-    """Return the line that sets the stated mounting; empty without one, so that the installation's setting
-    applies.
+    """Return the line that sets the stated mounting.
+
+    Empty without one, so that the installation's setting applies.
     """
     if program.up is None:
         return ""

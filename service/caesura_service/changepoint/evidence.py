@@ -29,8 +29,9 @@ def known_mean_log_evidence(n: ArrayLike, ssr: ArrayLike, nu0: float, scale2: Ar
 
 
 def normal_log_density(value2: ArrayLike, dimensions: int, scale2: float) -> Array:
-    """Return the log density of an isotropic normal about 0; value2: squared length [unit²]; scale2:
-    variance.
+    """Return the log density of an isotropic normal about 0; value2: squared length [unit²].
+
+    scale2: variance.
     """
     density: Array = -0.5 * (np.asarray(value2, float) / scale2 + dimensions * np.log(2.0 * np.pi * scale2))
     return density

@@ -140,8 +140,9 @@ class Tempered:
 
 @dataclass(frozen=True)
 class Uniform:
-    """Every length from 1 to `longest` samples has the same probability. Thesis (2.9), whose exponent is
-    wrong.
+    """Every length from 1 to `longest` samples has the same probability.
+
+    Thesis (2.9), whose exponent is wrong.
     """
 
     longest: int

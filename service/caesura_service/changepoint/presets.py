@@ -16,8 +16,9 @@ KNOWN_PRESETS: Mapping[str, Preset] = dict([*sorted(PRESETS.items()), *sorted(WI
 
 
 def preset_named(name: str) -> Preset:
-    """Return a preset, or `default` without one of its principles. Raises KeyError, which lists the
-    presets.
+    """Return a preset, or `default` without one of its principles.
+
+    Raises KeyError, which lists the presets.
     """
     if name not in KNOWN_PRESETS:
         raise KeyError(f"no preset {name!r}; known: {list(KNOWN_PRESETS)}")

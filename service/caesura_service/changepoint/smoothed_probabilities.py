@@ -92,8 +92,9 @@ class RunLengthFilterBase:
         return min(1.0, sum(p for s, p in enumerate(near, start=first) if s not in others))
 
     def everything(self, starts: Collection[int]) -> Array:
-        """Return (n,) the probability at every observation; starts: those of all segments, as separate
-        events.
+        """Return (n,) the probability at every observation.
+
+        starts: those of all segments, as separate events.
         """
         result = np.array([*self._past, *self.window])
         for start in self._undecided:
@@ -135,8 +136,9 @@ class SmoothedProbabilities(ABC):
 
     @property
     def smoothed(self) -> Array:
-        """(n,) smoothed probability at every observation; around a conditioned start, that before the
-        condition.
+        """(n,) smoothed probability at every observation.
+
+        Around a conditioned start, that before the condition.
         """
         return self._smoothing.everything({segment.start for segment in (*self.final, *self.map_path())})
 

@@ -53,8 +53,9 @@ class TurnInPlace:
         return (np.zeros(0, np.int64), vectors, vectors, vectors, triangles, scalars, scalars)
 
     def extend(self, rows: Rows, observed: ModelInput) -> Rows:
-        """Return the rows after one more observation. A segment begins at the position before its first
-        one.
+        """Return the rows after one more observation.
+
+        A segment begins at the position before its first one.
         """
         z, rotation, joins = observed.position, observed.rotation, len(rows[0]) > 0
         before, turned = (rows[2][-1], rotation - rows[3][-1]) if joins else (z, np.zeros(AXES))

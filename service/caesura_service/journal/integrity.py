@@ -26,10 +26,10 @@ CHECKED_BYTES = 1 << 30  # a larger file is not looked through at every start: t
 
 
 def integrity_error(database: sqlite3.Connection, path: Path) -> str | None:
-    """Return the damage that SQLite finds in the pages of a file; None if it finds none, or the file is too
-    large.
+    """Return the damage that SQLite finds in the pages of a file.
 
-    Raises sqlite3.OperationalError or OSError if the file cannot be read now, which is not damage.
+    None if it finds none, or the file is too large. Raises sqlite3.OperationalError or OSError if the file
+    cannot be read now, which is not damage.
     """
     if path.stat().st_size > CHECKED_BYTES or _found_in(database) is None:
         return None

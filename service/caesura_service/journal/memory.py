@@ -32,10 +32,10 @@ _OVERHEAD_BYTES = 1000  # of a record beside its content
 
 
 class MemoryJournal:
-    """Records in lists, one per session. At capacity the station with the most bytes loses its oldest
-    session.
+    """Records in lists, one per session.
 
-    If that is the session being recorded, it gets no further batches and changes; it can still be closed.
+    At capacity the station with the most bytes loses its oldest session. If that is the session being
+    recorded, it gets no further batches and changes; it can still be closed.
     """
 
     def __init__(self, capacity_bytes: int = CAPACITY_BYTES) -> None:
@@ -102,8 +102,9 @@ class MemoryJournal:
     def edit_at(
         self, station: str, session: str, kind: type[Edit] | type[EditProgram], revision: int
     ) -> Edit | EditProgram | None:
-        """Return the edit of a session, or of its program, after `revision` earlier ones; None without
-        one.
+        """Return the edit of a session, or of its program, after `revision` earlier ones.
+
+        None without one.
         """
         messages = (record.message for record in self._records.get((station, session), ()))
         made = (message for message in messages if isinstance(message, kind))

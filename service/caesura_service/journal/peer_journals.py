@@ -171,8 +171,9 @@ class PeerJournals:
         return answer
 
     def _pass_over(self, path: Path, error: JournalError) -> None:
-        """Log that a journal counts as absent. Raises PeerJournalError if it is unreadable for less than
-        UNREADABLE_S.
+        """Log that a journal counts as absent.
+
+        Raises PeerJournalError if it is unreadable for less than UNREADABLE_S.
         """
         self._warn_once(error)
         if isinstance(error, IN_ITS_CONTENT) or _is_gone(path):
@@ -183,8 +184,9 @@ class PeerJournals:
             raise PeerJournalError(str(error)) from error
 
     def _warn_once(self, error: Exception) -> None:
-        """Log each error once: the journals are polled. A journal that its owner is about to create is no
-        error.
+        """Log each error once: the journals are polled.
+
+        A journal that its owner is about to create is no error.
         """
         if not isinstance(error, JournalEmptyError) and str(error) not in self._warned:
             logger.warning("passed over: %s", error)

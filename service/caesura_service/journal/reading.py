@@ -77,8 +77,9 @@ class FileBatches:
         self._directory, self._own = directory, own
 
     def find(self, key: Key) -> SessionExtent | None:
-        """Return the copy with the most records in any journal. Without one, an unreadable journal raises
-        JournalError.
+        """Return the copy with the most records in any journal.
+
+        Without one, an unreadable journal raises JournalError.
         """
         found, failure = [], None
         for path in journals_in(self._directory):
@@ -179,8 +180,9 @@ class JournalBatches:
 
 
 def _read(place: int, encoding: str, payload: bytes) -> Iterator[BatchRow | Lost]:
-    """Yield the batch of a record, not validated again, or the loss that it records; nothing for other
-    records.
+    """Yield the batch of a record, not validated again, or the loss that it records.
+
+    Nothing for other records.
     """
     if encoding == _BATCH:
         fields = msgpack.unpackb(payload, use_list=False)

@@ -41,10 +41,10 @@ class Reserve:
         self._is_filled = False  # has what lacked blocks been given them? Some disks compress
 
     def keep(self) -> None:
-        """Create or extend the file if it is missing or too small, and the disk has enough space. Cheap to
-        call often.
+        """Create or extend the file if it is missing or too small, and the disk has enough space.
 
-        It is too small after `lend`, after its creator was killed, or after it was copied as a sparse file.
+        Cheap to call often. It is too small after `lend`, after its creator was killed, or after it was
+        copied as a sparse file.
         """
         if time.monotonic() < self._looks_at:
             return

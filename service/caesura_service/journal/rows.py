@@ -217,8 +217,9 @@ def epoch_in(database: sqlite3.Connection, station: str) -> int:
 
 
 def last_opened_in(database: sqlite3.Connection, station: str) -> float | None:
-    """Return the time [s] at which the last session of a station was opened, by a journal; None without
-    one.
+    """Return the time [s] at which the last session of a station was opened, by a journal.
+
+    None without one.
     """
     (opened,) = database.execute(SELECT_LAST_OPENED, (station,)).fetchone()
     return None if opened is None else float(opened)

@@ -340,8 +340,9 @@ def _remedy_of_disk(path: Path, name: str) -> str | None:
 
 
 def _remedy_of_neighbour(path: Path, name: str) -> str | None:
-    """Return a remedy that names a file beside the journal with another owner, such as root; None without
-    one.
+    """Return a remedy that names a file beside the journal with another owner, such as root.
+
+    None without one.
     """
     for beside in (*files_beside(path), _lock_of(path)) if name in UNEXPLAINED else ():
         with suppress(OSError):  # a disk that fails allows nothing, and is no matter of users
@@ -458,8 +459,9 @@ def _prepare(database: sqlite3.Connection, path: Path) -> None:
 
 
 def _complete(database: sqlite3.Connection, path: Path) -> None:
-    """Add tables and columns that an older version lacks. Raises JournalDamagedError for columns of no
-    version.
+    """Add tables and columns that an older version lacks.
+
+    Raises JournalDamagedError for columns of no version.
     """
     for schema in (SCHEMA_2, SCHEMA_3, SCHEMA_5, SCHEMA_6, SCHEMA_OVERVIEWS):
         database.execute(schema)

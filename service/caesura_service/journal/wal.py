@@ -30,10 +30,9 @@ def files_beside(path: Path) -> tuple[Path, Path]:
 
 
 def log_integrity_error(path: Path) -> str | None:
-    """Return text on the frames of a journal's log that SQLite skips, and keep a copy of the log; None if it
-    skips none.
+    """Return text on the frames of a journal's log that SQLite skips, and keep a copy of the log.
 
-    Call it before anything is written.
+    None if it skips none. Call it before anything is written.
     """
     log = log_of(path)
     if not log.exists() or log.stat().st_size < _HEADER.size + _FRAME.size:

@@ -265,8 +265,9 @@ class Registry:
         return self._with_limits(station, session, outputs, now)
 
     def awaited(self, station: str, session: str) -> Awaited | None:
-        """Return the next batch that an open session expects; None if it is not in memory. Any thread may
-        call it.
+        """Return the next batch that an open session expects; None if it is not in memory.
+
+        Any thread may call it.
         """
         for held in reversed(self.index.sessions.get(station, ())):
             if held.name == session:
@@ -345,8 +346,9 @@ class Registry:
         return outputs
 
     def record_work(self, station: str, seconds: float) -> None:
-        """Record the time [s] of a slice of a station's work; here it does nothing, see
-        `InstrumentedRegistry`.
+        """Record the time [s] of a slice of a station's work.
+
+        Here it does nothing, see `InstrumentedRegistry`.
         """
 
     @property

@@ -80,8 +80,9 @@ class JournalSet:
         return self._own.outcome(*copies.best.key)
 
     def own_records(self, copy: Copy) -> Iterator[Record]:
-        """Return the own journal's records of a session. Raises JournalError or ProtocolError while
-        iterating.
+        """Return the own journal's records of a session.
+
+        Raises JournalError or ProtocolError while iterating.
         """
         return self._own.replay(*copy.key)
 

@@ -56,8 +56,9 @@ class StationOwnership:
             self._unstored.discard(station)
 
     def is_superseded(self, station: str) -> bool:
-        """Return whether another instance has acquired the station since this one did. Raises
-        JournalError.
+        """Return whether another instance has acquired the station since this one did.
+
+        Raises JournalError.
         """
         mine = self._owners.get(station)
         return mine is not None and self._journals.peer_epoch_of(station) > mine.epoch

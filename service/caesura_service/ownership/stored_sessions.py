@@ -29,8 +29,9 @@ class StoredSessions:
         self._journal, self._index, self._serves = journal, index, serves
 
     def answers_for(self, station: str, session: str) -> bool:
-        """Whether this instance owns the station, and the session is not in memory. Any thread may call
-        it.
+        """Whether this instance owns the station, and the session is not in memory.
+
+        Any thread may call it.
         """
         held = self._index().sessions.get(station, ())
         return self._serves(station) and all(one.name != session for one in held)

@@ -175,8 +175,9 @@ class Takeover:
             return None
 
     def _replay_readable(self, copy: Copy, owner: Owner) -> Generator[list[Output], None, Session]:
-        """Replay a session; repeat it once if it may have been temporarily unreadable. Raises
-        JournalError.
+        """Replay a session; repeat it once if it may have been temporarily unreadable.
+
+        Raises JournalError.
         """
         try:
             return (yield from self._replay_own(copy, owner))
@@ -205,11 +206,11 @@ class Takeover:
         return session
 
     def _apply_peer(self, session: Session, copies: SessionCopies) -> Steps:
-        """Bring a session up to a peer's copy; return None if the station's share of the journal is too small
-        for that.
+        """Bring a session up to a peer's copy.
 
-        An incomplete session would lack acknowledged records, and a new correction would get the number of a
-        missing one. Raises NotRecordedError.
+        Return None if the station's share of the journal is too small for that. An incomplete session would
+        lack acknowledged records, and a new correction would get the number of a missing one. Raises
+        NotRecordedError.
         """
         assert copies.peer is not None
         records = self._journals.peer_records(copies.peer, session.next_seq)

@@ -284,10 +284,10 @@ class Chain:
         return found
 
     def _log_lasts(self, duration: LogNormal, end: float, segment: SegmentFeatures) -> float:
-        """Return the log density [1/s] of a duration, whole or cut; for a growing segment its log survival
-        probability.
+        """Return the log density [1/s] of a duration, whole or cut.
 
-        end: probability that a demonstration which ends with this segment ends in such a state.
+        For a growing segment its log survival probability. end: probability that a demonstration which ends
+        with this segment ends in such a state.
         """
         of = LogNormal.survival if segment.grows else LogNormal.density
         whole, piece, cut = of(duration, segment.seconds), of(PIECE_S, segment.seconds), self.parameters.cut

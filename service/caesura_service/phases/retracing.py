@@ -91,8 +91,9 @@ def retraced(way: Way, before: Sequence[tuple[Way, Retraced]], near_m: float, me
 
 
 def _follows(way: Way, other: Way, pieces_between: NDArray[np.int64], near_m: float) -> NDArray[np.bool_]:
-    """Return whether each piece retraces one of another path, (n, m); pieces_between: from that one to
-    this.
+    """Return whether each piece retraces one of another path, (n, m).
+
+    pieces_between: from that one to this.
     """
     apart = way.middles[:, None] - other.middles
     near = np.vecdot(apart, apart) < near_m**2

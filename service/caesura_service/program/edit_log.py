@@ -35,8 +35,9 @@ class EditLog(NamedTuple):
         return (*self.active, *taken_back)
 
     def takes(self, command: EditProgram, apps: Sequence[App] = ()) -> bool:
-        """Return whether a command is the next edit of this log; one for an instance with other edits may
-        not be.
+        """Return whether a command is the next edit of this log.
+
+        One for an instance with other edits may not be.
         """
         try:
             self.after(command, 0.0, apps)

@@ -25,10 +25,9 @@ ENDS_MOVING = "The recording ends in motion: the program stops where it was seen
 
 
 def left_out_note(segments: Sequence[Segment], apps: Sequence[App], moment_at: MomentAt) -> str | None:
-    """Return a note on the parts of a finished demonstration in no app; None if there are none, or none are
-    known.
+    """Return a note on the parts of a finished demonstration in no app.
 
-    apps: as they were inferred, in time order.
+    None if there are none, or none are known. apps: as they were inferred, in time order.
     """
     if not segments or not apps:
         return None

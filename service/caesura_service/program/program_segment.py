@@ -192,8 +192,9 @@ class ProgramSegment:
 
     @property
     def gives_way(self) -> bool:
-        """Whether the touched object moves with the force, as a pump does; otherwise the tool slides along
-        it.
+        """Whether the touched object moves with the force, as a pump does.
+
+        Otherwise the tool slides along it.
         """
         along = direction(self.force)
         across = length(self.moved - along * float(along @ self.moved))

@@ -495,8 +495,9 @@ def _goes_on(one: ProgramSegment, following: ProgramSegment) -> bool:
 
 
 def _is_stroke(step: ProgramSegment) -> bool:
-    """Return whether a step moves along a surface, or turns in contact; a yielding object is pressed in
-    instead.
+    """Return whether a step moves along a surface, or turns in contact.
+
+    A yielding object is pressed in instead.
     """
     segment = step.segment
     moves = step.touches and segment.motion == "motion"

@@ -41,8 +41,9 @@ BRIDGE_STATUS = station_key("*", "bridge_status")
 
 
 def _service(instance: str) -> Access:
-    """Return the access of one instance, if the router is another process. Any instance may own any
-    station.
+    """Return the access of one instance, if the router is another process.
+
+    Any instance may own any station.
     """
     return Access(
         put=(*RESULTS, PROGRAMS, service_key(instance, "status")),
@@ -62,10 +63,10 @@ def _service(instance: str) -> Access:
 
 
 def _bridge(station: str) -> Access:
-    """Return the access of a station's robot. It queries its own sessions, and whether another bridge has its
-    station.
+    """Return the access of a station's robot.
 
-    It may also send its own start and stop, so that a pedal at the robot needs no other credentials.
+    It queries its own sessions, and whether another bridge has its station. It may also send its own start
+    and stop, so that a pedal at the robot needs no other credentials.
     """
     control = station_key(station, "bridge_control")
     return Access(

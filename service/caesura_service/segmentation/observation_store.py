@@ -204,8 +204,9 @@ class ObservationStore:
         return total, total2
 
     def moment(self, t: float) -> Moment:
-        """Return the robot's state at the observation nearest to a time [s]. Raises IndexError without
-        one.
+        """Return the robot's state at the observation nearest to a time [s].
+
+        Raises IndexError without one.
         """
         return self.moment_at(self.nearest(t))
 

@@ -193,8 +193,9 @@ class Segmenter:
         return count
 
     def _awaits_place(self, end: int) -> bool:
-        """Return whether the next observation may still move an end; an end set by a correction is
-        certain.
+        """Return whether the next observation may still move an end.
+
+        An end set by a correction is certain.
         """
         is_newest = end == self.online.count - 1
         return is_newest and self._preset.continuous and end not in self.online.boundaries

@@ -63,8 +63,9 @@ class BatchCollector:
         self._lock = threading.Lock()
 
     def hold(self, source: str, payload: Payload, encoding: str) -> bool:
-        """Hold a batch that follows the last one of its source; return False, and hold nothing, if it does
-        not.
+        """Hold a batch that follows the last one of its source.
+
+        Return False, and hold nothing, if it does not.
         """
         with self._lock:
             known = self._sources.get(source)
@@ -141,8 +142,9 @@ class BatchCollector:
             self._pass_on_block(block, source, known.station)
 
     def _learn(self, content: RawPayload, source: str, station: str) -> None:
-        """Store the layout of a batch, and the number that the next one should have; ignore other
-        messages.
+        """Store the layout of a batch, and the number that the next one should have.
+
+        Ignore other messages.
         """
         if content.encoding != ENCODING or not 0 < len(content.payload) <= USUAL_BYTES:
             return

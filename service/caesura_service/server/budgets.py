@@ -154,8 +154,9 @@ class Budgets:
         return self._error(station, use)
 
     def count_refused(self, station: str, use: Use, times: int = 1) -> None:
-        """Count refusals of a use; also those without a check of the budget, such as messages dropped
-        unread.
+        """Count refusals of a use.
+
+        Also those without a check of the budget, such as messages dropped unread.
         """
         with self._lock:
             counts = self._refused.pop(station, {})

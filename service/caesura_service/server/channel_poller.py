@@ -37,8 +37,9 @@ class ChannelPoller(BackgroundThread):
     """Passes received samples and queries to callbacks, one at a time, while the context lasts."""
 
     def __init__(self, handle: Callable[[Incoming], None], polled: Callable[[], None] = lambda: None) -> None:
-        """handle: receives a sample, and must only enqueue it, like `Answer`; polled: called after each
-        poll.
+        """handle: receives a sample, and must only enqueue it, like `Answer`.
+
+        polled: called after each poll.
         """
         self._handle, self._polled = handle, polled
         self._subscribed: dict[str, Channel[Incoming]] = {}

@@ -25,8 +25,9 @@ MAX_TEXT = 500  # characters of a key or an encoding; those of Caesura are short
 
 
 class RawPayload(NamedTuple):
-    """A received payload; empty if over the size limit, with its real `size` [bytes]. Its key and encoding
-    are cut to a greatest length.
+    """A received payload; empty if over the size limit, with its real `size` [bytes].
+
+    Its key and encoding are cut to a greatest length.
     """
 
     key: str
@@ -87,8 +88,9 @@ class PendingReplay:
         return self._over.acquire(blocking=False)
 
     def result(self) -> ReplayEnded:
-        """Return the end of the replay; an error outside the protocol, like a timeout, counts as no
-        answer.
+        """Return the end of the replay.
+
+        An error outside the protocol, like a timeout, counts as no answer.
         """
         error = self._error()
         known = error is not None and error.code in {"evicted", "unknown_session"}

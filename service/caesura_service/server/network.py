@@ -101,10 +101,9 @@ class NetworkSettings:
 
 
 def certificate_end(settings: NetworkSettings) -> float | None:
-    """Return the time [s since 1970] at which the instance's certificate expires; None without a readable
-    one.
+    """Return the time [s since 1970] at which the instance's certificate expires.
 
-    Raises NetworkError for an invalid configuration file.
+    None without a readable one. Raises NetworkError for an invalid configuration file.
     """
     if settings.config_file is None:
         return None
@@ -171,8 +170,9 @@ def _join_as_client(
 
 
 def _config(file: Path | None) -> zenoh.Config:
-    """Return the file's configuration with the service's settings. Relative paths are searched beside the
-    file first.
+    """Return the file's configuration with the service's settings.
+
+    Relative paths are searched beside the file first.
     """
     try:
         config = zenoh.Config.from_file(file) if file else zenoh.Config()

@@ -214,8 +214,9 @@ def _send_reply(query: IncomingQuery, key: str, reply: Ack | ProtocolError) -> N
 
 
 def reply_message(query: IncomingQuery, key: str, message: Message) -> bool:
-    """Reply to a query on a key of this instance; if the message is too large, reply an error and return
-    False.
+    """Reply to a query on a key of this instance.
+
+    If the message is too large, reply an error and return False.
     """
     try:
         for encoded in fragment(message):

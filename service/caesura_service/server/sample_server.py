@@ -61,8 +61,9 @@ class SampleServer(BackgroundThread):
         super().__init__("caesura-samples", self._queue.wake)
 
     def take(self, query: IncomingQuery, lane: str) -> bool:
-        """Enqueue a query; return False if too many of the lane are queued. Called by the network's
-        threads.
+        """Enqueue a query; return False if too many of the lane are queued.
+
+        Called by the network's threads.
         """
         try:
             station, session, _ = parse_session_key(query.key)

@@ -173,10 +173,10 @@ class StationManager:
         return []
 
     def _retry_takeover(self, station: str, error: JournalError) -> None:
-        """Schedule another takeover of a station. Until then its messages are rejected if another instance
-        may have served it.
+        """Schedule another takeover of a station.
 
-        This instance may lack records that the other one has acknowledged.
+        Until then its messages are rejected if another instance may have served it. This instance may lack
+        records that the other one has acknowledged.
         """
         self._takeover = None
         self._next_takeover_s = self._clock() + RETRY_S

@@ -156,8 +156,9 @@ class PipelineHost:
         return self._run_guarded(self._update_view)
 
     def _push(self, samples: NDArray[np.float64], count: int, take: Take) -> list[Output]:
-        """Push the samples of `count` batches. Raises ProtocolError for invalid ones, and then changes
-        nothing.
+        """Push the samples of `count` batches.
+
+        Raises ProtocolError for invalid ones, and then changes nothing.
         """
         try:
             changed = _push(take, samples)  # may give way: what is published meanwhile is not retracted
@@ -205,10 +206,10 @@ class PipelineHost:
         return self._prepare(edit, at, copy(self._pipeline))
 
     def preview(self, asked: Preview, at: float) -> EditEffect:
-        """Return what an edit would change, or what the corrections after one have changed. Raises as
-        `prepare_edit`.
+        """Return what an edit would change, or what the corrections after one have changed.
 
-        A copy of the pipeline is brought up to date, because that decides when the next results are made.
+        Raises as `prepare_edit`. A copy of the pipeline is brought up to date, because that decides when the
+        next results are made.
         """
         present, action = copy(self._pipeline), asked.action
         if isinstance(action, Since):

@@ -227,8 +227,9 @@ class Session:
 
     @property
     def awaited(self) -> Awaited:
-        """The next batch and session time that the session expects from its bridge; any thread may read
-        them.
+        """The next batch and session time that the session expects from its bridge.
+
+        Any thread may read them.
         """
         return Awaited(self.next_seq, self._host.due_s)
 
@@ -503,8 +504,9 @@ class Session:
         return [*outputs, *self._host.declare_gap(0), self._host.publish_status()]
 
     def _request_rest(self, close: Close, now: float) -> list[Output]:
-        """Request the missing batches before the close; the bridge repeats the close. No refusal is
-        counted.
+        """Request the missing batches before the close; the bridge repeats the close.
+
+        No refusal is counted.
         """
         asked = self._receiver.announce_seq(close.last_seq, now)
         missing = "batches are missing before the close"

@@ -61,11 +61,10 @@ class SessionJournal:
         return self._journal.edit_at(self._station, self._session, kind, revision)
 
     def append(self, message: Recordable, now: float) -> None:
-        """Append a message; all except batches are on disk on return. Raises JournalError and then changes
-        nothing.
+        """Append a message; all except batches are on disk on return.
 
-        Any instance may record batches, which are equal; other messages are refused if another instance owns
-        the station.
+        Raises JournalError and then changes nothing. Any instance may record batches, which are equal; other
+        messages are refused if another instance owns the station.
         """
         if self._journal is None:
             return

@@ -48,8 +48,9 @@ _TARED, _UNTARED = BiasTracker(TRACKED_BIAS_N), BiasTracker(UNTARED_BIAS_N)
 
 @dataclass(frozen=True)
 class ConditioningParameters:
-    """The parameters of conditioning. Raises ValueError for values from which no filter or grid can be
-    made.
+    """The parameters of conditioning.
+
+    Raises ValueError for values from which no filter or grid can be made.
     """
 
     grid_hz: float = float(GRID_HZ)

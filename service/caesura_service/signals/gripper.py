@@ -98,10 +98,10 @@ class GripperState(NamedTuple):
 
 @dataclass(frozen=True)
 class GripperTracker:
-    """Immutable parameters of the state machine; `advance` maps a state and rows to the next state and
-    events.
+    """Immutable parameters of the state machine.
 
-    Times are anchor + row / grid_hz [s], as everywhere on the grid.
+    `advance` maps a state and rows to the next state and events. Times are anchor + row / grid_hz [s], as
+    everywhere on the grid.
     """
 
     grid_hz: float
@@ -194,8 +194,9 @@ class GripperTracker:
         return [(i, bool(verdicts[i + 1])) for i in changed]
 
     def _closed_below(self, state: GripperState) -> float:
-        """Return the opening [m] up to which fingers count as closed, with or without an object; nan if
-        unknown.
+        """Return the opening [m] up to which fingers count as closed, with or without an object.
+
+        Nan if unknown.
         """
         if state.posture is None or state.signal == "undecided":
             return math.nan

@@ -43,8 +43,9 @@ class FileSource(PacedSource):
 
 
 def pieces(samples: Chunk, piece_s: float = CHUNK_S) -> Iterator[Chunk]:
-    """Yield samples (n, columns) in pieces of `piece_s`; a time that goes back stays in the piece before
-    it.
+    """Yield samples (n, columns) in pieces of `piece_s`.
+
+    A time that goes back stays in the piece before it.
     """
     passed = np.maximum.accumulate(samples[:, 0] - samples[0, 0])  # (n,) [s]
     piece = np.floor(passed / piece_s)

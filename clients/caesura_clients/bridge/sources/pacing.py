@@ -53,8 +53,9 @@ class PacedSource:
         self._sleep = sleep
 
     def chunks(self) -> Iterator[Chunk]:
-        """Yield the chunks of `read`, each when it is due. A time that repeats or goes back is not waited
-        for.
+        """Yield the chunks of `read`, each when it is due.
+
+        A time that repeats or goes back is not waited for.
         """
         begun_s, first = self._clock(), None
         for chunk in self._read():

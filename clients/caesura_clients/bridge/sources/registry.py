@@ -50,8 +50,9 @@ class SourceOptions:
 
 
 def open_source(name: str, options: SourceOptions) -> Source:
-    """Open a source by its name. Raises SourceError, which lists the names of all sources, or
-    RecordingError.
+    """Open a source by its name.
+
+    Raises SourceError, which lists the names of all sources, or RecordingError.
     """
     build = SOURCES.get(name)
     if build is None:

@@ -96,11 +96,11 @@ class LostStretches:
 
 
 class Ros2Source:
-    """ROS 2 topics as a Source. It subscribes in the constructor, because its columns follow from the topics
-    found.
+    """ROS 2 topics as a Source.
 
-    over: ends `chunks` from another thread, after the rows received so far. Raises SourceError if nothing is
-    received in `discover_s`, a payload cannot be decoded or a topic lacks a needed signal.
+    It subscribes in the constructor, because its columns follow from the topics found. over: ends `chunks`
+    from another thread, after the rows received so far. Raises SourceError if nothing is received in
+    `discover_s`, a payload cannot be decoded or a topic lacks a needed signal.
     """
 
     length_unit: LengthUnit = "m"
@@ -153,8 +153,9 @@ class Ros2Source:
 
     @property
     def lost_words(self) -> str:
-        """Return the intervals of dropped messages as text, to follow their number; empty if none was
-        dropped.
+        """Return the intervals of dropped messages as text, to follow their number.
+
+        Empty if none was dropped.
         """
         return f": samples are missing at {self._lost}" if self.dropped else ""
 

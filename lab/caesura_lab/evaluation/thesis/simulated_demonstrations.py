@@ -153,8 +153,9 @@ class SuiteDemonstration:
 
 
 def person(seed: int, profile: Profile, *, wander: bool = False, gripper: bool = False) -> Person:
-    """Return a person with the thesis' times, forces, human, robot and sensor; the rest is drawn from the
-    seed.
+    """Return a person with the thesis' times, forces, human, robot and sensor.
+
+    The rest is drawn from the seed.
     """
     drawn = draw_person(np.random.default_rng(seed), f"person-{seed}")
     own = {name: getattr(drawn, name) for name in (*DRAWN, *(SENSOR if wander else ()))}

@@ -137,8 +137,9 @@ def mark_changepoints(content: ReportData, axes: Axes) -> None:
 
 
 def bars(axes: Axes, t: Array, probability: Array, colour: str = INK, **options: Any) -> None:
-    """Draw a probability (n,) per observation, upwards or, negated, downwards; invisible ones are left
-    out.
+    """Draw a probability (n,) per observation, upwards or, negated, downwards.
+
+    Invisible ones are left out.
     """
     seen = np.abs(probability) > LEAST_SEEN
     axes.bar(t[seen], probability[seen], width=0.7 * STEP_S, color=colour, **options)

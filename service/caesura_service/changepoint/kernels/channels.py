@@ -60,8 +60,9 @@ WEIGHT, VARIANCE, INSIDE = 5, 6, 7  # rows of the work
 
 @compiled
 def take(here, c, joins):
-    """Update all living hypotheses with an observation in channel c; the evidence goes to
-    `state.channel[c]`.
+    """Update all living hypotheses with an observation in channel c.
+
+    The evidence goes to `state.channel[c]`.
     """
     which = model_at(here).channels[c].model
     if which == PROFILED:

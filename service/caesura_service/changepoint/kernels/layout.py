@@ -152,8 +152,9 @@ class Model(NamedTuple):
 
 
 class State(NamedTuple):
-    """The arrays that a step changes.
-    s: places or slots, n: nodes, g: groups, w: window; s and W ≥ w in whole vectors.
+    """The arrays that a step changes. s: places or slots, n: nodes, g: groups, w: window.
+
+    S and W ≥ w in whole vectors.
     """
 
     counters: NDArray[Any]  # (1,) COUNTERS

@@ -200,8 +200,9 @@ def corner_weight(past, squared, age, chord, reach, channel):
 
 @compiled
 def straightness(chord_length, squared, first, last, channel):
-    """Return a factor near 1 for a straight section, near 0 for a curved one; first, last: its steps in
-    `squared`.
+    """Return a factor near 1 for a straight section, near 0 for a curved one.
+
+    first, last: its steps in `squared`.
     """
     way = 0.0
     for back in range(first, last):

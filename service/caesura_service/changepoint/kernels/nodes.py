@@ -60,8 +60,9 @@ def node_at(here, start, group):
 
 @compiled
 def node_made(here, nodes, i):
-    """Return the node that an earlier group of the next start has after the same segment; FREE without
-    one.
+    """Return the node that an earlier group of the next start has after the same segment.
+
+    FREE without one.
     """
     before, node = state_at(here).next_before, FREE
     for other in range(i):

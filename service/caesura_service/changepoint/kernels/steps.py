@@ -165,8 +165,9 @@ def opens(state, place):
 
 @compiled
 def count_ages(here):
-    """Count the observations of each segment; with step models the first of a recording, without a step,
-    is omitted.
+    """Count the observations of each segment.
+
+    With step models the first of a recording, without a step, is omitted.
     """
     model, state = model_at(here), state_at(here)
     me = state.counters[0]

@@ -165,7 +165,7 @@ def _load(kg: float | None, sd_kg: float | None) -> str:
 
 
 def ranges(numbers: Sequence[int]) -> str:
-    """Return a text such as `1–3, 7` for the text `1, 2, 3, 7`."""
+    """Return rising numbers as text, with consecutive ones joined: [1, 2, 3, 7] is `1–3, 7`."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][-1] + 1:

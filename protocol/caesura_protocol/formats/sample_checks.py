@@ -36,7 +36,7 @@ LEAPS: Mapping[str, Callable[[Recording], tuple[float, str, float, float]]] = {
 def check_values(recording: Recording) -> None:
     """Raise RecordingError for the first value of a signal that no session accepts.
 
-    Only a few stray samples are no error.
+    A recording of fewer than LEAST_SAMPLES samples is not checked.
     """
     if recording.t.size < LEAST_SAMPLES:
         return

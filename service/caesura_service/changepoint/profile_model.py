@@ -48,8 +48,7 @@ class DisplacementPrior:
 
 @dataclass(frozen=True)
 class ProfileModel:
-    """The channel changes from its value at the segment's start to its current value along one profile of a
-    library.
+    """The channel follows one profile of a library, from the segment's start to its current value.
 
     y_j = y_n φ_k(j) + residual, with y counted from the segment's first sample (`origin="first"`), from the
     sample before it (`"previous"`: values do not jump between segments, so that a short segment explains no

@@ -2,6 +2,10 @@
 
 From the type stubs of franky-control 2.0.0 (`_franky.pyi`) and panda-python 1.1.1 (`libfranka.pyi`);
 `test_franka.py` compares with the packages themselves where they are installed.
+
+Wrenches are as libfranka has them (robot_state.h, libfranka 0.15): the external wrench "acting on stiffness frame,
+expressed relative to the base frame. Forces applied by the robot to the environment are positive". The stiffness
+frame K is the end effector's until `setK` moves it (`EE_T_K`), so a moment is about the end effector.
 """
 
 from __future__ import annotations
@@ -31,6 +35,7 @@ def state(time_ms: int, **fields: Any) -> SimpleNamespace:
         "q": np.zeros(7),
         "O_T_EE": np.eye(4),
         "F_T_EE": np.eye(4),
+        "EE_T_K": np.eye(4),
         "O_F_ext_hat_K": np.zeros(6),
         "tau_ext_hat_filtered": np.zeros(7),
         "robot_mode": IDLE,
@@ -80,6 +85,7 @@ def fake_franky(script: Script) -> ModuleType:
                 q=reported.q,
                 O_T_EE=Affine(reported.O_T_EE),
                 F_T_EE=Affine(reported.F_T_EE),
+                EE_T_K=Affine(reported.EE_T_K),
                 O_F_ext_hat_K=reported.O_F_ext_hat_K,
                 tau_ext_hat_filtered=reported.tau_ext_hat_filtered,
                 robot_mode=reported.robot_mode,
@@ -120,6 +126,7 @@ def fake_libfranka(script: Script) -> ModuleType:
                 q=reported.q.tolist(),
                 O_T_EE=reported.O_T_EE.flatten(order="F").tolist(),
                 F_T_EE=reported.F_T_EE.flatten(order="F").tolist(),
+                EE_T_K=reported.EE_T_K.flatten(order="F").tolist(),
                 O_F_ext_hat_K=reported.O_F_ext_hat_K.tolist(),
                 tau_ext_hat_filtered=reported.tau_ext_hat_filtered.tolist(),
                 robot_mode=reported.robot_mode,

@@ -1,5 +1,10 @@
 """ur_rtde without a robot: the calls that the source makes, with their signatures, written down.
 
+The force is as Universal Robots states it: "returned at the tool flange on e-series robots and at the tcp for CB3"
+(its ROS 2 driver, pull request 1287), "a wrench at flange oriented in the base frame" (1615 there), less the payload's
+weight. Its sign is the environment's on the robot: with a payload of 1 kg that is stated and not there, a controller
+reports +9.82 N along z (UR's forum, topic 2053).
+
 Signatures are those of the docstrings of ur_rtde 1.6.5; `test_ur.py` compares them with the package where it
 is installed.
 """
@@ -10,6 +15,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from types import ModuleType, SimpleNamespace
 from typing import Any
+
+from caesura_protocol.formats.poses import flange_of, moved_wrench, pose_of_rotation_vector
 
 RECEIVE = "rtde_receive.RTDEReceiveInterface"
 CONTROL = "rtde_control.RTDEControlInterface"
@@ -45,7 +52,8 @@ class Script:
     """What the arm does: a state every 2 ms, each asked for twice, then silence for a reason."""
 
     states: list[SimpleNamespace]
-    offset: list[float] = field(default_factory=lambda: [0.0] * 6)
+    offset: list[float] = field(default_factory=lambda: [0.0] * 6)  # of the TCP on the flange
+    is_cb3: bool = False
     connected: bool = True  # after the last state
     protective_stop: bool = False
     emergency_stop: bool = False
@@ -57,6 +65,7 @@ class Script:
 
 
 def state(t: float, **fields: Any) -> SimpleNamespace:
+    """wrench: of the environment on the robot, about the TCP, base frame."""
     reported = {"q": [0.0] * 6, "pose": [0.4, 0.1, 0.2, 0.0, 0.0, 0.0], "wrench": [0.0] * 6, "status": 3}
     return SimpleNamespace(t=t, **{**reported, **fields})
 
@@ -99,7 +108,12 @@ class Receive:
         return self._now.pose
 
     def getActualTCPForce(self) -> list[float]:  # noqa: N802
-        return self._now.wrench
+        now = self._now
+        if self._script.is_cb3:
+            return now.wrench
+        effector = pose_of_rotation_vector(now.pose)
+        flange = flange_of(effector, pose_of_rotation_vector(self._script.offset))
+        return moved_wrench(now.wrench, effector.position, flange.position)
 
     def getRobotStatus(self) -> int:  # noqa: N802
         return self._now.status

@@ -81,6 +81,21 @@ def test_a_state_becomes_a_sample_in_our_frame_and_sign(play, arm):
 
 
 @pytest.mark.parametrize("arm", ARMS)
+def test_a_torque_is_moved_from_the_stiffness_frame_to_the_flange(play, arm):
+    # It was sent as libfranka has it, about K: 12 N at the hand were 1.2 Nm off.
+    push, stiffness = np.array([12.0, 0.0, 0.0]), np.eye(4)
+    stiffness[:3, 3] = [0.0, 0.0, 0.05]  # K is 0.05 m beyond the effector: 0.1534 m below the flange
+    states = moving(20)
+    for one in states:
+        one.EE_T_K = stiffness
+        one.O_F_ext_hat_K = np.concatenate([-push, np.zeros(3)])  # the environment pushes along x, at K
+    source = play(arm, Script(states))
+    column = dict(zip(source.columns, np.concatenate(chunks_of(source)[0]).T, strict=True))
+    torque = [column[f"m{axis}"][0] for axis in "xyz"]
+    np.testing.assert_allclose(torque, np.cross([0.0, 0.0, -0.1534], push), atol=1e-9)
+
+
+@pytest.mark.parametrize("arm", ARMS)
 def test_a_robot_that_no_person_guides_is_stated_as_such(play, arm):
     play(arm, Script(moving(1)))
     options = SourceOptions(host="172.16.0.2", gripper=False, hand_on_robot="no")

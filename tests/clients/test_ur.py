@@ -48,7 +48,7 @@ def moving(count: int, first_s: float = 5000.0) -> list:
 
 
 def test_a_state_becomes_a_sample_of_the_flange(play):
-    script = Script(moving(40), connected=False)
+    script = Script(moving(40), connected=False, offset=[0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
     source = play(script)
     chunks, said = chunks_of(source)
     column = dict(zip(source.columns, np.concatenate(chunks).T, strict=True))
@@ -73,6 +73,16 @@ def test_a_state_that_changes_while_it_is_read_is_read_again(play):
     column = dict(zip(source.columns, rows.T, strict=True))
     first = 5000.0 + 0.002 * round((column["px"][0] - 0.4) / 1e-4)
     np.testing.assert_allclose(column["px"], 0.4 + 1e-4 * (first - 5000.0 + column["t"]) / 0.002, atol=1e-9)
+
+
+def test_a_torque_is_about_the_flange_whether_the_arm_has_a_sensor_or_not(play):
+    # An e-Series arm reports it there, and it was moved by the TCP's offset once more.
+    for is_cb3, source in ((False, None), (True, "joint_torque_estimate")):
+        script = Script(moving(15), connected=False, offset=[0.0, 0.0, 0.1, 0.0, 0.0, 0.0], is_cb3=is_cb3)
+        arm = play(script, replace(STATED, wrench_source=source))
+        rows = np.concatenate(chunks_of(arm)[0])
+        torque = rows[0, [arm.columns.index(f"m{axis}") for axis in "xyz"]]
+        np.testing.assert_allclose(torque, [0.0, -0.1, 0.5], atol=1e-12)
 
 
 @pytest.mark.parametrize(

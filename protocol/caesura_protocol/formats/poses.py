@@ -37,6 +37,12 @@ def flange_of(effector: Transform, effector_on_flange: Transform) -> Transform:
     return Transform((a[0] - b[0], a[1] - b[1], a[2] - b[2]), turned)
 
 
+def point_in_base(frame: Transform, point: Vector) -> Vector:
+    """A point of a frame [m], in the frame in which that one lies."""
+    (x, y, z), (a, b, c) = frame.position, rotate(frame.orientation, point)
+    return x + a, y + b, z + c
+
+
 def multiply(one: Quaternion, other: Quaternion) -> Quaternion:
     """Return the product of two rotations, of which the second is applied first."""
     x, y, z, w = one

@@ -3,9 +3,10 @@
 Signs. libfranka's O_F_ext_hat_K counts forces of the robot on the environment as positive (robot_state.h:
 "Forces applied by the robot to the environment are positive, while forces applied by the environment on the
 robot are negative"; frankarobotics/libfranka issue 26 has the measurement), and tau_ext_hat_filtered, of
-which it is the (Jᵀ)⁻¹ (issue 112 there), goes with it. Caesura's force is the environment's on the robot, so
-both are negated; franka_ros2 passes them on as they are. A WrenchStamped does not state it: `force_of` in a
-mapping does, with the environment's force as the default.
+which it is the (Jᵀ)⁻¹ (issue 112 there), goes with it. Caesura's force is the environment's on the robot,
+so both are negated; franka_ros2 passes them on as they are. Its moment is about the stiffness frame K, which
+`ee_t_k` places on the end effector; it is moved to the flange. A WrenchStamped does not state it: `force_of` in
+a mapping does, with the environment's force as the default.
 
 The pose of a FrankaRobotState is that of the end effector. The message states its transform on the flange
 (`f_t_ee`), which is removed. A PoseStamped counts as the flange in the base frame.
@@ -20,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from caesura_protocol.formats.column_mapping import ColumnMapping
-from caesura_protocol.formats.poses import Transform, flange_of
+from caesura_protocol.formats.poses import Transform, flange_of, moved_wrench, point_in_base
 from caesura_protocol.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, READ, WRENCH
 from caesura_protocol.formats.signal_aligner import NS
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, JOINTS, JOINTS_MOST
@@ -107,13 +108,20 @@ def frame_of(message_type: str, message: Any) -> str | None:
 
 def _franka_state(message: Any, rule: TopicRule) -> Values:
     sign = FORCE_OF[rule.force_of or "robot"]
-    flange = flange_of(_pose(message.o_t_ee.pose), _pose(message.f_t_ee.pose))
+    effector = _pose(message.o_t_ee.pose)
+    flange = flange_of(effector, _pose(message.f_t_ee.pose))
+    stiffness = point_in_base(effector, _pose(message.ee_t_k.pose).position)
+    at_stiffness = _wrench(message.o_f_ext_hat_k.wrench, sign)
+    wrench = moved_wrench(
+        [*at_stiffness["force"], *at_stiffness["torque"]], stiffness, flange.position
+    )
     torques = message.tau_ext_hat_filtered
     return {
         "pos": flange.position,
         "quat": flange.orientation,
         "q": _joints(message.measured_joint_state, rule),
-        **_wrench(message.o_f_ext_hat_k.wrench, sign),
+        "force": wrench[:3],
+        "torque": wrench[3:],
         "tau": [sign * value for value in _in_order(torques.name, torques.effort, rule)],
     }
 

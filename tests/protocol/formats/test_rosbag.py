@@ -129,16 +129,19 @@ def test_the_flange_is_where_the_effector_is_less_where_that_is_on_the_flange(tm
     messages = []
     for i in range(3):
         message = ros.franka(
-            ros.BEGAN_NS + i * 10**6, (0.5, 0.1, 0.2), (1, 0, 0, 0), [0] * 7, (0, 0, 0), (0, 0, 0), [0] * 7
+            ros.BEGAN_NS + i * 10**6, (0.5, 0.1, 0.2), (1, 0, 0, 0), [0] * 7, (12, 0, 0), (0, 0, 0.5), [0] * 7
         )
         ros.put_xyz(message.f_t_ee.pose.position, (0.0, 0.0, 0.1034))
         ros.put_xyz(message.f_t_ee.pose.orientation, (0.0, 0.0, np.sin(half), np.cos(half)))
+        ros.put_xyz(message.ee_t_k.pose.position, (0.0, 0.0, 0.05))
         messages.append(("/state", FRANKA_STATE, 0, message))
     found = load_recording(ros.write_bag(tmp_path / "bag", messages, "mcap"))
     np.testing.assert_allclose(found.signals["pos"][0], [0.5, 0.1, 0.2 + 0.1034])  # the tool points down
     x, y, z, w = found.signals["quat"][0]
     np.testing.assert_allclose(abs(x * np.cos(half) - y * -np.sin(half)), 1.0, atol=1e-12)
     assert (z, w) == (0.0, 0.0)
+    # The torque, which is reported about the stiffness frame, is moved to the flange: 0.1534 m above it.
+    np.testing.assert_allclose(found.signals["torque"][0], [0.0, -12 * 0.1534, 0.5], atol=1e-12)
 
 
 def mixed(demonstration: Recording, arm: tuple[str, ...] = ros.ARM) -> list[ros.Message]:

@@ -3,7 +3,8 @@
 What is read, in libfranka's words (franka::RobotState, robot_state.h):
   q [rad]; O_T_EE and F_T_EE, 4×4 in column-major order, from which the flange's pose is taken;
   O_F_ext_hat_K [N, Nm] in the base frame, at the stiffness frame K: "forces applied by the robot to the
-  environment are positive", so it is negated; zeros near a singularity;
+  environment are positive", so it is negated; zeros near a singularity. Its moment is moved from K, which
+  EE_T_K places on the end effector, to the flange;
   tau_ext_hat_filtered [Nm], of the same sign;  time, in milliseconds since the robot was started;
   robot_mode, kGuiding of the enumeration RobotMode while the arm is guided with the buttons at its wrist. The
   robot's own state machine sets it (frankarobotics/libfranka issue 166), and no other button of the wrist is
@@ -17,7 +18,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from caesura_clients.bridge.sources.live_arm import MS, ArmState, LiveArm
-from caesura_protocol.formats.poses import Transform, flange_of, pose_of
+from caesura_protocol.formats.poses import Transform, flange_of, moved_wrench, point_in_base, pose_of
 from caesura_protocol.messages import ESTIMATE, JOINTS, HandOnRobot
 
 
@@ -28,6 +29,7 @@ class FrankaState(NamedTuple):
     q: Sequence[float]
     effector: Transform  # O_T_EE
     effector_on_flange: Transform  # F_T_EE
+    stiffness_on_effector: Transform  # EE_T_K
     wrench: Sequence[float]  # O_F_ext_hat_K
     tau: Sequence[float]  # tau_ext_hat_filtered
     is_guided: bool = False  # robot_mode is kGuiding
@@ -43,6 +45,7 @@ def state_of(state: Any, pose: Callable[[Any], Transform] = pose_of, *, guiding:
         q=state.q,
         effector=pose(state.O_T_EE),
         effector_on_flange=pose(state.F_T_EE),
+        stiffness_on_effector=pose(state.EE_T_K),
         wrench=state.O_F_ext_hat_K,
         tau=state.tau_ext_hat_filtered,
         is_guided=state.robot_mode == guiding,
@@ -76,11 +79,13 @@ class FrankaSource(LiveArm):
 
 
 def _wire_state(state: FrankaState) -> ArmState:
+    flange = flange_of(state.effector, state.effector_on_flange)
+    stiffness = point_in_base(state.effector, state.stiffness_on_effector.position)
     return ArmState(
         t=state.time_ms / MS,
         q=state.q,
-        flange=flange_of(state.effector, state.effector_on_flange),
-        wrench=[-float(value) for value in state.wrench],
+        flange=flange,
+        wrench=[-value for value in moved_wrench(state.wrench, stiffness, flange.position)],
         tau=[-float(value) for value in state.tau],
         button_pressed=state.is_guided,
     )

@@ -2,16 +2,18 @@
 
 What is read, by ur_rtde 1.6.5 (`RTDEReceiveInterface`), up to 500 Hz:
   getTimestamp [s] since the controller was started; getActualQ [rad]; getActualTCPPose, x y z [m] and
-  rotation vector [rad] in the controller's base frame; getActualTCPForce [N, Nm], what acts on the TCP in
-  that frame, less the payload's weight: its sign is the wire's (UR's forum, topic 4481: "forces acting on
-  the end point of the TCP"; not verified on an arm);
+  rotation vector [rad] in the controller's base frame; getActualTCPForce [N, Nm] in that frame, less the
+  payload's weight. It is about the flange where an arm has a sensor, and about the TCP where it estimates
+  ("returned at the tool flange on e-series robots and at the tcp for CB3", UR's ROS 2 driver, pull request
+  1287). Its sign is the wire's: a stated payload of 1 kg that is not there is +9.82 N along z (UR's forum,
+  topic 2053). Neither was verified on an arm;
   getRobotStatus, whose bit 2 is "Is teach button pressed" (its docstring): the freedrive button.
 Each value is a separate call: a state is valid if getTimestamp returns the same before and after the calls.
 RTDE reports no gripper: a Robotiq gripper is read separately (robotiq_urcap.py).
 
-The flange is the TCP's pose without the TCP's offset, and the torque is moved to the flange. RTDE, as ur_rtde
-reads it, does not report the offset: it is stated (`--tcp-offset`), or read from the controller in teach
-mode. In teach mode (`--teach-mode`) a script runs on the controller, which must be in remote control:
+The flange is the TCP's pose without the TCP's offset. A torque about the TCP is moved to the flange. RTDE, as
+ur_rtde reads it, does not report the offset: it is stated (`--tcp-offset`), or read from the controller in
+teach mode. In teach mode (`--teach-mode`) a script runs on the controller, which must be in remote control:
 freedrive is on from the beginning to the end, and a wrench whose zero is relative (robot.json) is zeroed
 before. Without it the bridge commands nothing: guide with the button of the pendant, and zero the sensor
 there. Only without teach mode does the button show whether a person guides the arm.
@@ -29,7 +31,7 @@ from caesura_clients.bridge.sources.robotiq_urcap import UrcapGripper
 from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.poses import Transform, flange_of, moved_wrench, pose_of_rotation_vector
-from caesura_protocol.messages import HandOnRobot, WrenchSource
+from caesura_protocol.messages import ESTIMATE, HandOnRobot, WrenchSource
 from caesura_protocol.robots import GripperDescription, RobotDescription
 
 SILENT_S = 1.0  # without a new state: the arm is lost
@@ -80,7 +82,9 @@ def open_ur(
         opened.pop_all()
     return LiveArm(
         who,
-        _reader(receive, pose_of_rotation_vector(tcp_offset or (0.0,) * 6)),
+        _reader(
+            receive, pose_of_rotation_vector(tcp_offset or (0.0,) * 6), about_tcp=wrench_source == ESTIMATE
+        ),
         len(robot.joints),
         wrench_source=wrench_source,
         hand_on_robot=hand_on_robot,
@@ -106,10 +110,10 @@ def _end_of_teaching(control: Any, receive: Any) -> Callable[[], None]:
     return end
 
 
-def _reader(receive: Any, tcp_on_flange: Transform) -> Callable[[], ArmState]:
+def _reader(receive: Any, tcp_on_flange: Transform, *, about_tcp: bool) -> Callable[[], ArmState]:
     """Return a function that waits for the next state of an arm and returns it.
 
-    The function raises RuntimeError with the reason if the arm is lost.
+    about_tcp: is the arm's torque about its TCP? Otherwise it is about the flange. The function raises RuntimeError with the reason if the arm is lost.
     """
     last = -1.0
 
@@ -130,8 +134,9 @@ def _reader(receive: Any, tcp_on_flange: Transform) -> Callable[[], ArmState]:
             waited_s += PERIOD_S
         effector = pose_of_rotation_vector(pose)
         flange = flange_of(effector, tcp_on_flange)
-        about_flange = moved_wrench(wrench, effector.position, flange.position)
-        return ArmState(t, q, flange, about_flange, button_pressed=bool(status & TEACH_BUTTON))
+        if about_tcp:
+            wrench = moved_wrench(wrench, effector.position, flange.position)
+        return ArmState(t, q, flange, wrench, button_pressed=bool(status & TEACH_BUTTON))
 
     return read
 

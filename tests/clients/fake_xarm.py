@@ -1,6 +1,12 @@
 """xarm-python-sdk without a robot: the calls that source and script make, with their parameters.
 
 Parameters are those of xArm-Python-SDK 1.18.4; `test_xarm.py` compares them with the package.
+
+What UFACTORY states, and this arm does: a report of the type "real" (TCP port 30003) has state and mode, and no error
+code (ufactory_docs, "Data Description of TCP port"): what the SDK hands on as `error_code` is what was asked for last.
+State 4 is STOP, to which the arm "will automatically switch when any error occurs" (user manual of UFACTORY Studio,
+10.2). "Mode 2 must be configured via Mode 0. If the current mode is a non-zero value, an attempt to set Mode 2 will
+first trigger an automatic switch to Mode 0" (10.1).
 """
 
 from __future__ import annotations
@@ -16,10 +22,14 @@ PARAMETERS = {
     "set_ft_sensor_enable": ["on_off"],
     "set_ft_sensor_zero": [],
     "motion_enable": ["enable"],
+    "get_err_warn_code": [],
     "set_mode": ["mode"],
     "set_state": ["state"],
     "disconnect": [],
 }
+
+
+READY, STOP = 2, 4  # states
 
 
 @dataclass
@@ -31,6 +41,8 @@ class Script:
     connected: bool = True  # after the last report
     refused: str | None = None
     codes: dict[str, int] = field(default_factory=dict)
+    mode: int = 0  # in which the arm is found
+    error: int = 0  # of the controller, once it is stopped
     calls: list[tuple[Any, ...]] = field(default_factory=list)
 
 
@@ -38,7 +50,7 @@ def report(**fields: Any) -> dict[str, Any]:
     return {
         "cartesian": [400.0, 0.0, 200.0, 0.0, 0.0, 0.0],
         "joints": [0.0] * 7,
-        "error_code": 0,
+        "state": READY,
         "mode": 0,
     } | fields
 
@@ -57,7 +69,7 @@ class XArmAPI:
         if script.refused is not None:
             raise RuntimeError(script.refused)
         self._script = script
-        self.mode = 0
+        self.mode = script.mode
 
     @property
     def ft_ext_force(self) -> list[float]:
@@ -76,7 +88,15 @@ class XArmAPI:
     def _report(self, callback: Any) -> None:
         for one in self._script.reports:
             self.mode = one["mode"]
-            callback({name: value for name, value in one.items() if name != "mode"})
+            callback({name: value for name, value in one.items() if name != "mode"} | {"error_code": 0})
+
+    def set_mode(self, mode: int) -> int:
+        self._script.calls.append(("set_mode", mode))
+        self.mode = mode if mode != 2 or self.mode == 0 else 0
+        return self._script.codes.get("set_mode", 0)
+
+    def get_err_warn_code(self) -> tuple[int, list[int]]:
+        return self._script.codes.get("get_err_warn_code", 0), [self._script.error, 0]
 
     def __getattr__(self, name: str) -> Any:
         if name not in PARAMETERS:

@@ -16,7 +16,7 @@ from caesura_clients.bridge.sources.registry import SourceOptions, open_source
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.poses import pose_of_roll_pitch_yaw
 from caesura_protocol.robots import robot_description
-from clients.fake_xarm import PARAMETERS, Script, fake_xarm, report
+from clients.fake_xarm import PARAMETERS, STOP, Script, fake_xarm, report
 from clients.lost_arm import chunks_of
 from harness.xarm_sdk import xarm_api
 
@@ -82,6 +82,8 @@ def test_teach_mode_zeroes_the_sensor_lets_go_and_holds_again(play):
         ("set_ft_sensor_enable", 1),
         ("set_ft_sensor_zero",),
         ("motion_enable",),
+        ("set_mode", 0),
+        ("set_state", 0),
         ("set_mode", 2),
         ("set_state", 0),
         ("set_mode", 0),
@@ -90,9 +92,27 @@ def test_teach_mode_zeroes_the_sensor_lets_go_and_holds_again(play):
     ]
 
 
+def test_an_arm_that_was_in_another_mode_is_in_teach_mode_all_the_same(play):
+    # The controller goes to mode 0 first and stays there: the arm could not be guided, and nothing said so.
+    script = Script([], mode=1)
+    source = play(script, replace(STATED, teach_mode=True))
+    modes = [call[1] for call in script.calls if call[0] == "set_mode"]
+    source.close()
+    assert modes == [0, 2]
+
+
 def test_an_error_of_the_controller_ends_the_source(play):
-    _, said = chunks_of(play(Script([*moving(2), report(error_code=31)])))
+    # A fast report has no error code: the one that the SDK hands on is always 0.
+    stopped = Script([*moving(2), report(state=STOP), report(state=STOP)], error=31)
+    chunks, said = chunks_of(play(stopped))
     assert said.endswith("the controller's error is 31")
+    assert sum(map(len, chunks)) == 2
+
+
+def test_an_arm_that_was_stopped_without_an_error_is_read_on(play):
+    chunks, said = chunks_of(play(Script([*moving(2), report(state=STOP, cartesian=[410.0] + [0.0] * 5)])))
+    assert sum(map(len, chunks)) == 3
+    assert "no report for" in said
 
 
 @pytest.mark.parametrize(

@@ -99,7 +99,31 @@ def test_pick_and_place_grips_carries_its_load_and_lets_it_go():
     assert counts == [(123, 59, 0), (16, 59, 0)]
     loads = [(call.args[0], call.args[1]) for call in arm.calls("set_tcp_load")]
     carrying = pytest.approx([0.0, 0.0, (0.8 * 50.0 + 0.25 * 172.0) / 1.05])
-    assert loads == [*[(pytest.approx(1.05), carrying)] * 2, (0.8, [0.0, 0.0, 50.0])]
+    assert loads == [(pytest.approx(1.05), carrying), (0.8, [0.0, 0.0, 50.0])]
+
+
+def test_a_gripper_that_is_activated_is_not_activated_again():
+    # The SDK activated it at the first grasp: the fingers shut, on the part, and opened all the way.
+    assert not run(on_xarm(pick_and_place()), table_m=0.11).was_activated
+
+
+def test_a_gripper_that_is_not_activated_stops_the_program_before_anything_moves():
+    made, arm = module_of(on_xarm(pick_and_place())), Arm(table_m=0.11)
+    arm.api.robotiq_status["gSTA"] = 0
+    with pytest.raises(made.Stop, match="the gripper is not activated"):
+        made.Runner(lambda host, is_radian: arm.api, "10.0.0.3").run(made.APPS)
+    assert not arm.moves().size
+    assert not arm.calls("robotiq_set_position")
+
+
+def test_a_controller_that_does_not_report_is_not_run():
+    # Its offset and load were taken for zero: the load of the tool was taken off with the first grasp.
+    made, arm = module_of(on_xarm(press())), Arm()
+    made.__dict__["REPORT_S"] = 0.01
+    arm.api.register_report_callback.side_effect = lambda callback: True
+    with pytest.raises(made.Stop, match=r"no report of the controller within 0\.01 s"):
+        made.Runner(lambda host, is_radian: arm.api, "10.0.0.3")
+    assert not arm.calls("set_tcp_offset")
 
 
 @pytest.mark.parametrize(

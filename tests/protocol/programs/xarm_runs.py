@@ -1,10 +1,19 @@
-"""A script for xArm-Python-SDK, run on an arm behind the SDK's signatures."""
+"""A script for xArm-Python-SDK, run on an arm behind the SDK's signatures.
+
+What UFACTORY states, and this arm does:
+- offset and load of the TCP are zeros until the first report, which comes at 5 Hz (xArm-Python-SDK 1.18.4, x3/base.py);
+- a change of payload or TCP offset brings state 5: the arm "cannot receive and execute any command until set state 0"
+  (user manual of UFACTORY Studio, 10.2), and movements have the code 9;
+- `robotiq_set_position` resets and activates a gripper, which moves its fingers all the way, unless the connection has
+  read that it is activated, or `auto_enable` is false (x3/robotiq.py).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from types import ModuleType, SimpleNamespace
 from typing import Any
+from unittest.mock import DEFAULT
 
 import numpy as np
 import pytest
@@ -17,6 +26,8 @@ from harness.xarm_sdk import RecordedApi
 
 FRAME_S = 0.01
 TABLE_N = [0.0, 0.0, -8.0, 0.0, 0.0, 0.0]
+NOT_READY = 9  # a code
+ACTIVATED = 3  # of `gSTA`
 
 
 def on_xarm(apps: tuple[App, ...], **changed: Any) -> ProgramFile:
@@ -31,8 +42,14 @@ class Arm:
         self.table_m = table_m
         self.wrench = wrench
         self.api = RecordedApi()
-        self.api.tcp_offset, self.api.tcp_load = [0.0, 0.0, 172.0, 0.0, 0.0, 0.0], [0.8, [0.0, 0.0, 50.0]]
-        self.api.robotiq_status = {"gOBJ": grasped}
+        self.is_reset = self.is_known_activated = self.was_activated = False
+        self.api.tcp_offset, self.api.tcp_load = [0.0] * 6, [0.0, [0.0] * 3]
+        self.api.register_report_callback.side_effect = self.report
+        self.api.set_tcp_load.side_effect = self.api.set_tcp_offset.side_effect = self.reset
+        self.api.set_state.side_effect = self.set_state
+        self.api.robotiq_status = {"gOBJ": grasped, "gSTA": ACTIVATED}
+        self.api.robotiq_get_status.side_effect = self.read_gripper
+        self.api.robotiq_set_position.side_effect = self.move_gripper
         self.api.get_state.return_value = self.api.get_cmdnum.return_value = (0, 0)
         self.api.get_err_warn_code.return_value = (0, [0, 0])
         self.api.get_position_aa.side_effect = lambda *_: (0, list(self.pose))
@@ -41,6 +58,27 @@ class Arm:
         self.api.vc_set_cartesian_velocity.side_effect = self.drift
         self.api.get_gripper_position.return_value = (0, 500)
         self.api.get_vacuum_gripper.return_value = (0, 1)
+
+    def report(self, callback: Callable[[dict[str, Any]], object]) -> bool:
+        self.api.tcp_offset, self.api.tcp_load = [0.0, 0.0, 172.0, 0.0, 0.0, 0.0], [0.8, [0.0, 0.0, 50.0]]
+        callback({})
+        return True
+
+    def reset(self, *values: Any, **stated: Any) -> Any:
+        self.is_reset = True
+        return DEFAULT
+
+    def set_state(self, state: int) -> Any:
+        self.is_reset = self.is_reset and state != 0
+        return DEFAULT
+
+    def read_gripper(self, *values: Any) -> Any:
+        self.is_known_activated = self.api.robotiq_status["gSTA"] == ACTIVATED
+        return DEFAULT
+
+    def move_gripper(self, count: int, auto_enable: bool = True, **stated: Any) -> Any:
+        self.was_activated = self.was_activated or (auto_enable and not self.is_known_activated)
+        return DEFAULT
 
     def drop(self) -> None:
         """What any gripper holds falls."""
@@ -54,6 +92,8 @@ class Arm:
         return TABLE_N if self.pose[2] < 1000 * self.table_m else [0.0] * 6
 
     def go(self, pose: list[float], **stated: Any) -> int:
+        if self.is_reset:
+            return NOT_READY
         self.pose = list(pose)
         return 0
 
@@ -82,13 +122,12 @@ class MovingArm(Arm):
         self.presses = False
         self.api.get_state.side_effect = lambda: (0, 1 if self.queue else 2)
         self.api.get_cmdnum.side_effect = lambda: (0, len(self.queue))
-        self.api.set_state.side_effect = self.set_state
         self.api.set_ft_sensor_mode.side_effect = self.set_ft_sensor_mode
 
-    def set_state(self, state: int) -> int:
+    def set_state(self, state: int) -> Any:
         if state == 4:
             self.queue.clear()
-        return 0
+        return super().set_state(state)
 
     def set_ft_sensor_mode(self, mode: int) -> int:
         self.presses = mode == 2
@@ -99,6 +138,8 @@ class MovingArm(Arm):
         return TABLE_N if z <= self.surface_m(x, y) + 1e-6 else [0.0] * 6
 
     def go(self, pose: list[float], **stated: Any) -> int:
+        if self.is_reset:
+            return NOT_READY
         self.queue.append((list(pose), stated["speed"]))
         return 0
 

@@ -3,9 +3,9 @@
 What is read, by ur_rtde 1.6.5 (`RTDEReceiveInterface`), up to 500 Hz:
   getTimestamp [s] since the controller was started; getActualQ [rad]; getActualTCPPose, x y z [m] and
   rotation vector [rad] in the controller's base frame; getActualTCPForce [N, Nm] in that frame, less the
-  payload's weight. It is about the flange where an arm has a sensor, and about the TCP where it estimates
-  ("returned at the tool flange on e-series robots and at the tcp for CB3", UR's ROS 2 driver, pull request
-  1287). Its sign is the wire's: a stated payload of 1 kg that is not there is +9.82 N along z (UR's forum,
+  payload's weight. It is about the flange where an arm has a sensor ("all measured at the tool flange with
+  the orientation of the robot base coordinate system", Script Directory of the e-Series, get_tcp_force), and
+  about the TCP where it estimates (UR's ROS 2 driver, pull request 1287). Its sign is the wire's: a stated payload of 1 kg that is not there is +9.82 N along z (UR's forum,
   topic 2053). Neither was verified on an arm;
   getRobotStatus, whose bit 2 is "Is teach button pressed" (its docstring): the freedrive button.
 Each value is a separate call: a state is valid if getTimestamp returns the same before and after the calls.

@@ -2,17 +2,23 @@
 
 What is read, by xArm-Python-SDK 1.18.4 (`XArmAPI(…, report_type="real")`), at 100 Hz:
   the report callback's `joints` [rad] and `cartesian`, x y z [mm] and roll, pitch, yaw [rad] of the TCP in
-  the base frame; `ft_ext_force` [N, Nm] of UFACTORY's six-axis sensor, less load and offset, in the axes of
-  the TCP, which must be parallel to the flange's. Its sign is the wire's (public code finds a contact below
-  by a negative z of a tool that points down; not verified on an arm). It is 10 ms older than the rest.
-  `mode`, which every report brings: 2 is its joint teaching mode, in which the arm is guided by hand.
-A report has no timestamp: a row has the time at which the report arrived.
+  the base frame; `ft_ext_force` [N, Nm] of UFACTORY's six-axis sensor, less load and offset. It is 10 ms
+  older than the rest. UFACTORY states neither its axes nor its sign. Those of the TCP are assumed, which must
+  be parallel to the flange's, and the wire's sign (public code finds a contact below by a negative z of a
+  tool that points down); not verified on an arm.
+  `mode`, which every report brings: 2 is its joint teaching mode, in which the arm is guided by hand;
+  `state`: 4 is STOP, to which the arm switches "when any error occurs" (user manual of UFACTORY Studio,
+  10.2). Such a report has no error code (ufactory_docs, "Data Description of TCP port", 30003), so the
+  source asks the controller for it.
+A report has no timestamp: a row has the time at which the report arrived. Its joints and pose are the
+controller's targets.
 
 Without that sensor no wrench is reported (`--wrench-source none`): motor torques are not read. The TCP's
 offset is stated (`--tcp-offset`): fast reports do not have it. In teach mode (`--teach-mode`) the arm is in
-its joint teaching mode from the beginning to the end, and the sensor is zeroed before; without it the bridge
-commands nothing. The operator then turns that mode on and off, for example in UFACTORY's software, which has
-the effect of a hand-guiding button. A button on the arm itself is not reported.
+its joint teaching mode from the beginning to the end, and the sensor is zeroed before. That mode is entered
+from the position mode only (user manual, 10.1). Without teach mode the bridge commands nothing. The operator
+then turns the joint teaching mode on and off, for example in UFACTORY's software, which has the effect of a
+hand-guiding button. A button on the arm itself is not reported.
 """
 
 from __future__ import annotations
@@ -20,6 +26,7 @@ from __future__ import annotations
 import queue
 import time
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 from typing import Any
 
@@ -38,7 +45,7 @@ from caesura_protocol.robots import RobotDescription
 SILENT_S = 1.0  # without a report: the arm is lost
 WAITING_REPORTS = 1000  # at most; ten seconds
 POSITION, JOINT_TEACHING = 0, 2  # modes
-READY = 0  # a state that starts a mode
+READY, STOP = 0, 4  # states: the first starts a mode
 M_PER_MM = 0.001
 
 
@@ -77,8 +84,9 @@ def open_xarm(
         if has_sensor and robot.wrench_is_relative:
             _do(who, "zeroing its sensor", arm.set_ft_sensor_zero)
         _do(who, "its motors", arm.motion_enable)
-        _do(who, "teach mode", lambda: arm.set_mode(JOINT_TEACHING))
-        _do(who, "teach mode", lambda: arm.set_state(READY))
+        for mode in POSITION, JOINT_TEACHING:
+            _do(who, "teach mode", partial(arm.set_mode, mode))
+            _do(who, "teach mode", partial(arm.set_state, READY))
     return LiveArm(
         who,
         _reader(arm, len(robot.joints), pose_of_rotation_vector(tcp_offset), has_sensor=has_sensor),
@@ -126,11 +134,19 @@ def _reader(arm: Any, joints: int, tcp_on_flange: Transform, *, has_sensor: bool
         except queue.Empty:
             reason = f"no report for {SILENT_S:g} s" if arm.connected else "the connection was closed"
             raise RuntimeError(reason) from None
-        if code := report["error_code"]:
-            raise RuntimeError(f"the controller's error is {code}")
+        if report["state"] == STOP and (error := _error_of(arm)):
+            raise RuntimeError(error)
         x, y, z, *turn = report["cartesian"]
         effector = pose_of_roll_pitch_yaw((x * M_PER_MM, y * M_PER_MM, z * M_PER_MM), turn)
         flange = flange_of(effector, tcp_on_flange)
         return ArmState(t, report["joints"][:joints], flange, wrench, button_pressed=is_guided)
 
     return read
+
+
+def _error_of(arm: Any) -> str | None:
+    """Ask a stopped controller for its error, in words; None where it was stopped without one."""
+    code, found = arm.get_err_warn_code()
+    if code:
+        return f"the arm is stopped, and the SDK's code is {code} where its error was asked for"
+    return f"the controller's error is {found[0]}" if found[0] else None

@@ -65,6 +65,7 @@ def ur_script(program: ProgramFile) -> str:
         "<FINDINGS>\n": head_comments(program),
         "<LIMITS>": "\n".join(f"{INDENT}{line}" for line in acting_limits(program.safety)),
         "<GRAVITY>\n": _gravity(program),
+        "<UP>": _list((0.0, 0.0, 1.0) if program.up is None else program.up),
         "<ACCELERATION>": f"{acceleration:g}",
         "<GRIPPER>": "\n".join(_gripper_functions(program)),
         "<APPS>": "\n".join(f"{INDENT}{line}" if line else "" for line in lines),

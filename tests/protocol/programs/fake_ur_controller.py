@@ -2,7 +2,11 @@
 
 URScript's blocks end with `end`; apart from that, and from poses (`p[...]`), threads and scopes, the
 statements that a script here has are Python's. A thread that moves runs at once and whole; one that watches
-does not run. A table lies at a height: below it 8 N are felt.
+looks once after each movement. A table lies at a height: below it 8 N are felt.
+
+The force is as the Script Directory of the e-Series states it: of the tool's and the part's weight the stated payload's
+is taken off, and "the force torque measurements are automatically zeroed when setting the payload" (set_payload), as
+zero_ftsensor does. So a part that still lies where it is gripped, when its weight is stated, is felt once it hangs.
 """
 
 from __future__ import annotations
@@ -12,6 +16,7 @@ import math
 import re
 import textwrap
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import greenlet
@@ -20,11 +25,18 @@ import numpy as np
 FRAME_S = 0.01
 PUSHED_M_PER_S = 0.03
 TOUCHES_M = 1e-6
+GRAVITY_M_PER_S2 = 9.82
+LIES_M = 0.002  # below which a part that was gripped still lies on what it stood on
+TOOL_KG = 0.9
 BLOCK = re.compile(r"^(def|thread|if|elif|else|while)\b.*:$")
 
 
 class Halted(Exception):  # noqa: N818 - URScript's word
     """The script has stopped itself."""
+
+
+class FrameOver(Exception):  # noqa: N818
+    """A thread that watches has looked for one frame."""
 
 
 def as_python(script: str) -> str:
@@ -69,12 +81,16 @@ class _Pose:
 class Controller:
     """The functions that a script may call, with the manual's parameters; keeps what was called."""
 
-    def __init__(self, table_m: float = -9.0, grasped: int = 2) -> None:
+    def __init__(self, table_m: float = -9.0, grasped: int = 2, part_kg: float = 0.0) -> None:
         self.calls: list[tuple[str, dict[str, Any]]] = []
         self.pose = [0.3, -0.3, 0.4, 0.0, 3.14, 0.0]
         self.table_m = table_m
         self.grasped = grasped
         self.pressed_n = 0.0
+        self.part_kg, self.payload_kg, self.zero_n = part_kg, TOOL_KG, 0.0
+        self.lies_at_m: float | None = None  # of a part in the fingers
+        self._watching: Callable[[], None] | None = None
+        self._looks = False
         self.variables: dict[str, int] = {"OBJ": 3, "STA": 3}
 
     def play(self, script: str) -> list[tuple[str, dict[str, Any]]]:
@@ -110,17 +126,34 @@ class Controller:
     def _start(self, thread: Callable[[], None]) -> None:
         if thread.__name__ != "watch_force":
             thread()
+        else:
+            self._watching = thread
+
+    def _moved(self, pose: list[float]) -> None:
+        """Be somewhere; a thread that watches looks for one frame."""
+        self.pose = list(pose)
+        if self._watching is not None:
+            self._looks = True
+            with suppress(FrameOver):
+                self._watching()
+            self._looks = False
+
+    def _measured_n(self) -> float:
+        """Along z: a contact, and the weight of tool and part less the stated payload's."""
+        hangs = self.lies_at_m is not None and self.pose[2] > self.lies_at_m + LIES_M
+        touched_n = 8.0 if self.pose[2] < self.table_m else 0.0
+        return touched_n + GRAVITY_M_PER_S2 * (self.payload_kg - TOOL_KG - self.part_kg * hangs)
 
     # --- Motion
 
     def movej(self, q: list[float], a: float = 1.4, v: float = 1.05, t: float = 0, r: float = 0) -> None:
-        self.pose = list(q)
+        self._moved(q)
 
     def movel(self, pose: list[float], a: float = 1.2, v: float = 0.25, t: float = 0, r: float = 0) -> None:
-        self.pose = list(pose)
+        self._moved(pose)
 
     def movep(self, pose: list[float], a: float = 1.2, v: float = 0.25, r: float = 0) -> None:
-        self.pose = list(pose)
+        self._moved(pose)
 
     def speedl(self, xd: list[float], a: float, t: float) -> None:
         self.pose = [p + t * v for p, v in zip(self.pose, xd, strict=True)]
@@ -145,18 +178,21 @@ class Controller:
         return list(self.pose)
 
     def get_tcp_force(self) -> list[float]:
-        return [0.0, 0.0, 8.0 if self.pose[2] < self.table_m else 0.0, 0.0, 0.0, 0.0]
+        return [0.0, 0.0, self._measured_n() - self.zero_n, 0.0, 0.0, 0.0]
 
-    def zero_ftsensor(self) -> None: ...
+    def zero_ftsensor(self) -> None:
+        self.zero_n = self._measured_n()
 
     # --- The rest
 
     def set_tcp(self, pose: list[float]) -> None: ...
 
-    def set_payload(self, m: float, cog: list[float]) -> None: ...
+    def set_payload(self, m: float, cog: list[float]) -> None:
+        self.payload_kg = m
+        self.zero_n = self._measured_n()
 
     def get_target_payload(self) -> float:
-        return 0.9
+        return TOOL_KG
 
     def get_target_payload_cog(self) -> list[float]:
         return [0.0, 0.0, 0.05]
@@ -172,7 +208,9 @@ class Controller:
 
     def sleep(self, t: float) -> None: ...
 
-    def sync(self) -> None: ...
+    def sync(self) -> None:
+        if self._looks:
+            raise FrameOver
 
     def str_cat(self, op1: object, op2: object) -> str:
         return _as_text(op1) + _as_text(op2)
@@ -192,6 +230,7 @@ class Controller:
         self.variables[name] = value
         if name == "POS":
             self.variables["OBJ"] = self.grasped if value > 50 else 3
+            self.lies_at_m = self.pose[2] if value > 50 else None
 
     def socket_get_var(self, name: str, socket_name: str = "socket_0") -> int:
         return self.variables[name]

@@ -3,9 +3,10 @@
 From the type stubs of franky-control 2.0.0 (`_franky.pyi`) and panda-python 1.1.1 (`libfranka.pyi`);
 `test_franka.py` compares with the packages themselves where they are installed.
 
-Wrenches are as libfranka has them (robot_state.h, libfranka 0.15): the external wrench "acting on stiffness frame,
-expressed relative to the base frame. Forces applied by the robot to the environment are positive". The stiffness
-frame K is the end effector's until `setK` moves it (`EE_T_K`), so a moment is about the end effector.
+Wrenches are as libfranka has them (robot_state.h, libfranka 0.15): the external wrench "acting on stiffness
+frame, expressed relative to the base frame. Forces applied by the robot to the environment are positive". The
+stiffness frame K is the end effector's until `setK` moves it (`EE_T_K`), so a moment is about the end
+effector.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """ur_rtde without a robot: the calls that the source makes, with their signatures, written down.
 
-The force is as Universal Robots states it: "all measured at the tool flange with the orientation of the robot base
-coordinate system" (Script Directory of the e-Series, get_tcp_force); "returned at the tool flange on e-series robots
-and at the tcp for CB3" (its ROS 2 driver, pull request 1287). The payload's weight is taken off. Its sign is the environment's on the robot: with a payload of 1 kg that is stated and not there, a controller
-reports +9.82 N along z (UR's forum, topic 2053).
+The force is as Universal Robots states it: "all measured at the tool flange with the orientation of the robot
+base coordinate system" (Script Directory of the e-Series, get_tcp_force); "returned at the tool flange on
+e-series robots and at the tcp for CB3" (its ROS 2 driver, pull request 1287). The payload's weight is taken
+off. Its sign is the environment's on the robot: with a payload of 1 kg that is stated and not there, a
+controller reports +9.82 N along z (UR's forum, topic 2053).
 
 Signatures are those of the docstrings of ur_rtde 1.6.5; `test_ur.py` compares them with the package where it
 is installed.

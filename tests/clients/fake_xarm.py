@@ -2,11 +2,11 @@
 
 Parameters are those of xArm-Python-SDK 1.18.4; `test_xarm.py` compares them with the package.
 
-What UFACTORY states, and this arm does: a report of the type "real" (TCP port 30003) has state and mode, and no error
-code (ufactory_docs, "Data Description of TCP port"): what the SDK hands on as `error_code` is what was asked for last.
-State 4 is STOP, to which the arm "will automatically switch when any error occurs" (user manual of UFACTORY Studio,
-10.2). "Mode 2 must be configured via Mode 0. If the current mode is a non-zero value, an attempt to set Mode 2 will
-first trigger an automatic switch to Mode 0" (10.1).
+What UFACTORY states, and this arm does: a report of the type "real" (TCP port 30003) has state and mode, and
+no error code (ufactory_docs, "Data Description of TCP port"): what the SDK hands on as `error_code` is what
+was asked for last. State 4 is STOP, to which the arm "will automatically switch when any error occurs" (user
+manual of UFACTORY Studio, 10.2). "Mode 2 must be configured via Mode 0. If the current mode is a non-zero
+value, an attempt to set Mode 2 will first trigger an automatic switch to Mode 0" (10.1).
 """
 
 from __future__ import annotations

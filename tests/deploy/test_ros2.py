@@ -216,9 +216,30 @@ def test_a_program_that_the_check_refuses_is_not_run(monkeypatch):
     assert ran(monkeypatch, "print('moved')", refuses, unchecked=True)[1] == ["moved"]
 
 
-def test_a_run_that_is_cancelled_ends_its_script(monkeypatch):
-    done, lines = ran(monkeypatch, "import signal\nprint('app 1', flush=True)\nsignal.pause()", cancel_at=1)
-    assert (done, lines) == ((False, "cancelled"), ["app 1"])
+def test_a_run_that_is_cancelled_lets_its_script_stop_the_arm(monkeypatch):
+    # It was terminated: UFACTORY's controller goes on with the legs and the force that it has received.
+    script = """
+import signal
+try:
+    print("app 1", flush=True)
+    signal.pause()
+except KeyboardInterrupt:
+    print("the arm holds", flush=True)
+    raise
+"""
+    done, lines = ran(monkeypatch, script, cancel_at=1)
+    assert (done, lines[:2]) == ((False, "cancelled"), ["app 1", "the arm holds"])
+
+
+def test_a_script_that_does_not_end_where_it_is_cancelled_is_killed(monkeypatch):
+    monkeypatch.setattr(running, "STOPS_S", 0.1)
+    script = """
+import signal
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+print("app 1", flush=True)
+signal.pause()
+"""
+    assert ran(monkeypatch, script, cancel_at=1) == ((False, "cancelled"), ["app 1"])
 
 
 def test_what_cannot_be_written_is_refused():
@@ -231,6 +252,7 @@ def test_what_cannot_be_written_is_refused():
 
 
 def test_urscript_is_sent_to_the_controller(monkeypatch):
+    # A controller sends its state all the time: a connection that was closed with it unread was reset.
     received: list[bytes] = []
     with socket.create_server(("127.0.0.1", 0)) as listener:
         monkeypatch.setattr(running, "UR_PORT", listener.getsockname()[1])
@@ -238,12 +260,18 @@ def test_urscript_is_sent_to_the_controller(monkeypatch):
         def take() -> None:
             client, _ = listener.accept()
             with client:
+                client.sendall(b"state")
+                is_sent.wait(0.2)  # it reads when it comes to it
                 while part := client.recv(65536):
                     received.append(part)
 
+        is_sent = threading.Event()
+        monkeypatch.setattr(running, "READ_S", 0.5)
         controller = threading.Thread(target=take)
         controller.start()
         done = running.run(as_file(press()), "urscript", "127.0.0.1", print, lambda: False, unchecked=True)
+        is_sent.set()
         controller.join(10.0)
     assert done.success
     assert b"".join(received).startswith(b"# Task program file/example")
+    assert b"".join(received).endswith(b"\nend\n")  # without a line feed it is not run

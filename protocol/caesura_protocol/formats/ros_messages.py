@@ -5,8 +5,8 @@ Signs. libfranka's O_F_ext_hat_K counts forces of the robot on the environment a
 robot are negative"; frankarobotics/libfranka issue 26 has the measurement), and tau_ext_hat_filtered, of
 which it is the (Jᵀ)⁻¹ (issue 112 there), goes with it. Caesura's force is the environment's on the robot,
 so both are negated; franka_ros2 passes them on as they are. Its moment is about the stiffness frame K, which
-`ee_t_k` places on the end effector; it is moved to the flange. A WrenchStamped does not state it: `force_of` in
-a mapping does, with the environment's force as the default.
+`ee_t_k` places on the end effector; it is moved to the flange. A WrenchStamped does not state its sign:
+`force_of` in a mapping does, with the environment's force as the default.
 
 The pose of a FrankaRobotState is that of the end effector. The message states its transform on the flange
 (`f_t_ee`), which is removed. A PoseStamped counts as the flange in the base frame.
@@ -112,9 +112,7 @@ def _franka_state(message: Any, rule: TopicRule) -> Values:
     flange = flange_of(effector, _pose(message.f_t_ee.pose))
     stiffness = point_in_base(effector, _pose(message.ee_t_k.pose).position)
     at_stiffness = _wrench(message.o_f_ext_hat_k.wrench, sign)
-    wrench = moved_wrench(
-        [*at_stiffness["force"], *at_stiffness["torque"]], stiffness, flange.position
-    )
+    wrench = moved_wrench([*at_stiffness["force"], *at_stiffness["torque"]], stiffness, flange.position)
     torques = message.tau_ext_hat_filtered
     return {
         "pos": flange.position,

@@ -4,9 +4,10 @@ URScript's blocks end with `end`; apart from that, and from poses (`p[...]`), th
 statements that a script here has are Python's. A thread that moves runs at once and whole; one that watches
 looks once after each movement. A table lies at a height: below it 8 N are felt.
 
-The force is as the Script Directory of the e-Series states it: of the tool's and the part's weight the stated payload's
-is taken off, and "the force torque measurements are automatically zeroed when setting the payload" (set_payload), as
-zero_ftsensor does. So a part that still lies where it is gripped, when its weight is stated, is felt once it hangs.
+The force is as the Script Directory of the e-Series states it: of the tool's and the part's weight the stated
+payload's is taken off, and "the force torque measurements are automatically zeroed when setting the payload"
+(set_payload), as zero_ftsensor does. So a part that still lies where it is gripped, when its weight is
+stated, is felt once it hangs.
 """
 
 from __future__ import annotations

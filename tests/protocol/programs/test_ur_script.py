@@ -102,16 +102,19 @@ def test_pick_and_place_grips_carries_its_load_and_lets_it_go():
     settings = {one["name"]: one["value"] for one in controller.named("socket_set_var")}
     assert settings["FOR"] == 0  # 20 N is the least that it has
     assert settings["SPE"] == round(255 * (0.05 - 0.02) / 0.13)
-    assert [one["m"] for one in controller.named("set_payload")] == pytest.approx([1.15, 0.9])  # each zeroes the sensor
+    assert [one["m"] for one in controller.named("set_payload")] == pytest.approx(
+        [1.15, 0.9]
+    )  # each zeroes the sensor
     of_tool, carrying = [0.0, 0.0, 0.05], [0.25 * 0.01 / 1.15, 0.0, (0.9 * 0.05 + 0.25 * 0.16) / 1.15]
     centres = [one["cog"] for one in controller.named("set_payload")]
     assert centres == [pytest.approx(carrying), of_tool]
 
 
 def test_a_heavy_part_that_was_gripped_where_it_lies_is_no_force_beyond_the_limit():
-    # The controller zeroes its sensor with the payload, and the part still lies then: lifted, it was felt as 39 N.
+    # The controller zeroes its sensor with the payload, and the part still lies then: it was felt as 39 N.
     heavy = tuple(
-        one.model_copy(update={"load_kg": 4.0}) if one.load_kg is not None else one for one in pick_and_place()
+        one.model_copy(update={"load_kg": 4.0}) if one.load_kg is not None else one
+        for one in pick_and_place()
     )
     program = on_ur(heavy)
     safety = program.safety.model_copy(update={"load_kg": 5.0})

@@ -1,11 +1,12 @@
 """A script for xArm-Python-SDK, run on an arm behind the SDK's signatures.
 
 What UFACTORY states, and this arm does:
-- offset and load of the TCP are zeros until the first report, which comes at 5 Hz (xArm-Python-SDK 1.18.4, x3/base.py);
-- a change of payload or TCP offset brings state 5: the arm "cannot receive and execute any command until set state 0"
-  (user manual of UFACTORY Studio, 10.2), and movements have the code 9;
-- `robotiq_set_position` resets and activates a gripper, which moves its fingers all the way, unless the connection has
-  read that it is activated, or `auto_enable` is false (x3/robotiq.py).
+- offset and load of the TCP are zeros until the first report, which comes at 5 Hz (xArm-Python-SDK 1.18.4,
+  x3/base.py);
+- a change of payload or TCP offset brings state 5: the arm "cannot receive and execute any command until set
+  state 0" (user manual of UFACTORY Studio, 10.2), and movements have the code 9;
+- `robotiq_set_position` resets and activates a gripper, which moves its fingers all the way, unless the
+  connection has read that it is activated, or `auto_enable` is false (x3/robotiq.py).
 """
 
 from __future__ import annotations

@@ -5,8 +5,8 @@ What is read, by ur_rtde 1.6.5 (`RTDEReceiveInterface`), up to 500 Hz:
   rotation vector [rad] in the controller's base frame; getActualTCPForce [N, Nm] in that frame, less the
   payload's weight. It is about the flange where an arm has a sensor ("all measured at the tool flange with
   the orientation of the robot base coordinate system", Script Directory of the e-Series, get_tcp_force), and
-  about the TCP where it estimates (UR's ROS 2 driver, pull request 1287). Its sign is the wire's: a stated payload of 1 kg that is not there is +9.82 N along z (UR's forum,
-  topic 2053). Neither was verified on an arm;
+  about the TCP where it estimates (UR's ROS 2 driver, pull request 1287). Its sign is the wire's: a stated
+  payload of 1 kg that is not there is +9.82 N along z (UR's forum, topic 2053). Not verified on an arm;
   getRobotStatus, whose bit 2 is "Is teach button pressed" (its docstring): the freedrive button.
 Each value is a separate call: a state is valid if getTimestamp returns the same before and after the calls.
 RTDE reports no gripper: a Robotiq gripper is read separately (robotiq_urcap.py).
@@ -113,7 +113,8 @@ def _end_of_teaching(control: Any, receive: Any) -> Callable[[], None]:
 def _reader(receive: Any, tcp_on_flange: Transform, *, about_tcp: bool) -> Callable[[], ArmState]:
     """Return a function that waits for the next state of an arm and returns it.
 
-    about_tcp: is the arm's torque about its TCP? Otherwise it is about the flange. The function raises RuntimeError with the reason if the arm is lost.
+    about_tcp: is the arm's torque about its TCP? Otherwise it is about the flange. The function raises
+    RuntimeError with the reason if the arm is lost.
     """
     last = -1.0
 

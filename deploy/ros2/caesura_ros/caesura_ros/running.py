@@ -1,18 +1,21 @@
 """What the action `Run` does, without ROS 2: write a program as a script, check it, run it on its robot.
 
-A script in Python runs as a process here, and a cancellation ends it: the robot stops where the connection is
-lost. URScript runs on the controller, which is sent the text: its end is not reported, and it is stopped at
-the pendant.
+A script in Python runs as a process here. A cancellation interrupts it as Ctrl-C does, and it stops its
+robot: a controller of UFACTORY goes on with what it has received where the connection is lost. URScript runs
+on the controller, which is sent the text: its end is not reported, and it is stopped at the pendant.
 """
 
 from __future__ import annotations
 
+import signal
 import socket
 import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,7 +25,9 @@ from caesura_protocol.programs.gripping import with_gripper
 
 UR_PORT = 30002  # the secondary interface, which takes a program
 CONNECT_S = 5.0
+READ_S = 1.0  # that the controller has to read a program before the connection is closed
 LOOK_S = 0.1  # between two looks at a cancellation
+STOPS_S = 10.0  # that a script has to stop its robot before it is killed
 
 Report = Callable[[str], None]
 IsCancelled = Callable[[], bool]
@@ -104,13 +109,26 @@ def _run_python(text: str, folder: Path, host: str, report: Report, is_cancelled
 def _end_if_cancelled(child: subprocess.Popen[str], is_cancelled: IsCancelled, over: threading.Event) -> None:
     while not over.wait(LOOK_S):
         if is_cancelled():
-            child.terminate()
+            child.send_signal(signal.SIGINT)
+            if not over.wait(STOPS_S):
+                child.kill()
             return
+
+
+def _read_state(controller: socket.socket) -> None:
+    """Read what the controller sends all the time: a connection that is closed with it unread is reset."""
+    ends_s = time.monotonic() + READ_S
+    with suppress(OSError):
+        while (left_s := ends_s - time.monotonic()) > 0.0:
+            controller.settimeout(left_s)
+            if not controller.recv(65536):
+                return
 
 
 def _send_to_ur(text: str, folder: Path, host: str, report: Report, is_cancelled: IsCancelled) -> Ran:
     with socket.create_connection((host, UR_PORT), timeout=CONNECT_S) as controller:
         controller.sendall(text.encode())
+        _read_state(controller)
     return Ran(True, "sent to the controller, which does not report the end of a program")
 
 

@@ -299,8 +299,8 @@ class _FeltState(RobotState):
 
     @property
     def O_F_ext_hat_K(self) -> Any:  # noqa: N802  (franky's own name)
-        newtons = self._robot.felt_n()
-        return np.array([-self._robot.friction * newtons, 0.0, newtons, 0.0, 0.0, 0.0])
+        newtons = self._robot.felt_n()  # of the surface; libfranka states the robot's force on it
+        return np.array([self._robot.friction * newtons, 0.0, -newtons, 0.0, 0.0, 0.0])
 
 
 class Gripper:

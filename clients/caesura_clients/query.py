@@ -121,19 +121,37 @@ def stored_snapshots(
 def snapshot(
     transport: Transport, station: str, session: str | None = None, *, inferred: bool = False
 ) -> Snapshot:
-    """Return the snapshot of one session, by default the one that was opened last.
+    """Return the snapshot of one session, held or stored; by default the one of `program`, the newest.
 
     inferred: its program without operators' edits. Raises NotFound, which lists the existing names,
     Unreachable, or ProtocolError where no answer came.
     """
     name = session or _current_session(transport, station)
-    found = _confirmed(
-        transport, station, lambda: snapshots(transport, station, name or "*", inferred=inferred)
-    )
+
+    def ask() -> list[Snapshot]:
+        held = snapshots(transport, station, name or "*", inferred=inferred)
+        if held or session is None:
+            return held
+        stored = _stored(transport, station, session, edits=0 if inferred else None)
+        return [_as_inferred(one) for one in stored] if inferred else stored
+
+    found = _confirmed(transport, station, ask)
     if not found:
         raise _not_found(transport, f"station {station!r} has no session {name or ''}".rstrip())
     # Without a program the newest session is an open one, or else the last by name.
     return max(found, key=lambda one: (one.status.state == "open", one.status.session))
+
+
+def _stored(transport: Transport, station: str, session: str, edits: int | None) -> list[Snapshot]:
+    """Return the snapshot of a session that only the journal has. edits: the version of its program."""
+    key, page = session_key(station, session, "snapshot"), stored_parameters(StoredPage(1, edits=edits))
+    return _query_all(transport, key, Snapshot, parameters=page, timeout_s=SAMPLES_TIMEOUT_S)
+
+
+def _as_inferred(snapshot: Snapshot) -> Snapshot:
+    """Return a snapshot whose program lists no edits, as the answer to `INFERRED_PROGRAM`."""
+    program = snapshot.program.model_copy(update={"edits": ()})
+    return snapshot.model_copy(update={"program": program})
 
 
 def program_at_edit(transport: Transport, station: str, session: str, number: int) -> Program:
@@ -144,10 +162,8 @@ def program_at_edit(transport: Transport, station: str, session: str, number: in
     key, parameters = session_key(station, session, "snapshot"), edits_parameters(number)
 
     def ask() -> list[Snapshot]:
-        if held := _query_all(transport, key, Snapshot, parameters=parameters):
-            return held
-        page = stored_parameters(StoredPage(1, edits=number))
-        return _query_all(transport, key, Snapshot, parameters=page, timeout_s=SAMPLES_TIMEOUT_S)
+        held = _query_all(transport, key, Snapshot, parameters=parameters)
+        return held or _stored(transport, station, session, edits=number)
 
     found = _confirmed(transport, station, ask)
     if not found:

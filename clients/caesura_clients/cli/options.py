@@ -14,6 +14,7 @@ from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import typer
 
+from caesura_clients import query
 from caesura_clients.client import Caesura, connect
 from caesura_clients.refusal_words import refusal_words
 from caesura_protocol.errors import AccessDenied, CaesuraError, NotFound, ProtocolError, Unreachable
@@ -264,16 +265,16 @@ def named(station: str | None) -> str | None:
 
 
 def only_station(caesura: Caesura, station: str | None, session: str | None = None) -> str:
-    """Return the named station, or else the only one with a session of this name. Raises NotFound.
+    """Return the named station, or else the only one with a session of this name, held or stored.
 
-    A session that is not listed may still be in the journal: if there is only one station, it is returned.
+    Raises NotFound.
     """
     if station is not None:
         return station
-    found = caesura.sessions()
-    known = sorted({info.station for info in found if session in {None, info.session}})
-    if not known and len(stations := {info.station for info in found}) == 1:
-        known = list(stations)
+    known = sorted({info.station for info in caesura.sessions() if session in {None, info.session}})
+    if not known and session is not None:
+        stored = query.stored_snapshots(caesura.transport, session=session)
+        known = sorted({one.status.station for one in stored})
     if len(known) != 1:
         which = "sessions" if session is None else f"a session {session!r}"
         raise NotFound(

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from caesura_clients import Caesura, query
+from caesura_clients.cli.options import only_station
 from caesura_clients.dashboard.network_follower import NetworkFollower
 from caesura_clients.dashboard.sessions import sessions
 from caesura_clients.editing import send
@@ -64,10 +65,20 @@ def test_stored_sessions_come_in_pages_and_held_ones_are_not_among_them(caesura:
 def test_one_stored_session_has_its_results_and_its_samples(caesura: Caesura):
     (one,) = query.stored_snapshots(caesura.transport, "cell-1", "s03")
     assert one.segments.segments[0].kind == "motion"
+    # It read "station 'cell-1' has no session s03", with its program in the journal.
+    assert caesura.snapshot("cell-1", "s03") == one
+    inferred = query.snapshot(caesura.transport, "cell-1", "s03", inferred=True)
+    assert inferred.program == one.program
     found = query.samples(caesura.transport, "cell-1", "s03", SampleRange(0.0, 2.0, 1000))
     assert (found.first, found.last, found.counts[0]) == (0.0, 1.99, 200)
     with pytest.raises(NotFound):
         query.samples(caesura.transport, "cell-1", "s99", SampleRange(0.0, 2.0, 1000))
+
+
+def test_a_stored_session_is_found_without_its_station(caesura: Caesura):
+    assert only_station(caesura, None, "s03") == "cell-1"
+    with pytest.raises(NotFound, match="no station has a session 's99'"):
+        only_station(caesura, None, "s99")
 
 
 def test_a_change_of_a_stored_session_is_refused_with_the_reason(caesura: Caesura):

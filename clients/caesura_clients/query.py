@@ -121,7 +121,7 @@ def stored_snapshots(
 def snapshot(
     transport: Transport, station: str, session: str | None = None, *, inferred: bool = False
 ) -> Snapshot:
-    """Return the snapshot of one session, held or stored; by default the one of `program`, the newest.
+    """Return the snapshot of one session, held or stored; by default the newest, the one of `program`.
 
     inferred: its program without operators' edits. Raises NotFound, which lists the existing names,
     Unreachable, or ProtocolError where no answer came.

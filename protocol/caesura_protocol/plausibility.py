@@ -275,6 +275,11 @@ class FirstSecond:
         """Whether no further samples are checked."""
         return self._over
 
+    @property
+    def seen(self) -> int:
+        """Samples that were checked so far."""
+        return self._count
+
     def look(self, rows: NDArray[np.floating]) -> Implausible | None:
         """Check the next rows (k, columns). Return the implausible quantity of the stream so far, or None."""
         if self._over or not len(rows):

@@ -453,3 +453,31 @@ def test_an_arm_without_a_possible_name_is_refused(memory):
     source.robot = "My Arm"
     with pytest.raises(SourceError, match="robot is 'My Arm', expected a name as of `caesura robots`"):
         Bridge(memory.transport(), "cell-1", source)
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "words"),
+    [
+        (
+            "qw",
+            1.4,
+            r"sample 3: quaternion has norm 1\.4, expected 1 ± 0\.1: divide each quaternion",
+        ),
+        ("qw", 0.0, r"sample 3: quaternion has norm 0, expected 1 ± 0\.1: leave out the samples"),
+        (
+            "gripper",
+            80.0,
+            r"sample 3: gripper is 80, expected an opening \[m\] or a closed flag within ±1",
+        ),
+        ("gripper", -0.5, r"sample 3: gripper is -0\.5, expected an opening of 0 m or more"),
+    ],
+)
+def test_values_that_no_session_takes_are_refused_at_the_source(memory, column, value, words):
+    # The service refused each batch, and `run` returned as if the demonstration had been recorded.
+    source = LiveSource()
+    source.columns = ("t", "px", "py", "pz", "qx", "qy", "qz", "qw", "gripper")
+    rows = np.zeros((20, len(source.columns)))
+    rows[:, 0], rows[:, 7] = np.arange(20) / 100.0, 1.0
+    rows[3, source.columns.index(column)] = value
+    with Bridge(memory.transport(), "cell-1", source) as bridge, pytest.raises(SourceError, match=words):
+        bridge.send(rows)

@@ -47,7 +47,9 @@ from caesura_clients.bridge.settings import BridgeSettings
 from caesura_clients.bridge.sources import Chunk, Mark, Source
 from caesura_clients.bridge.unstored_batches import save_unstored
 from caesura_clients.editing import mark
+from caesura_protocol.codec import signals_of
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
+from caesura_protocol.formats.sample_checks import wrong_values
 from caesura_protocol.keys import NAME_PATTERN, check_name, service_key, station_key
 from caesura_protocol.messages import Ack, Close, Description, HandOnRobot, Open
 from caesura_protocol.number_words import counted
@@ -245,8 +247,8 @@ class Bridge:
         """Send samples (k, columns). Makes no network call, unless the source can wait.
 
         Raises SourceError for a wrong shape, a value that is not finite, or values in the first second that
-        are probably in another unit; ProtocolError once the service has refused the session; CaesuraError
-        once it is closed. After `stop` it drops the samples.
+        no session accepts or that are probably in another unit; ProtocolError once the service has refused
+        the session; CaesuraError once it is closed. After `stop` it drops the samples.
         """
         self._raise_failure()
         if self._stopped.is_set():
@@ -255,7 +257,7 @@ class Bridge:
             raise CaesuraError(f"{self.station}/{self.session} is closed: it takes no samples")
         step = self.settings.batch_samples
         for start in range(0, len(chunk), step):
-            self._check_units(chunk[start : start + step])
+            self._check_first_second(chunk[start : start + step])
             self._sender.push(chunk[start : start + step])
             self._pose_readings.push(chunk[start : start + step])
             if self._source.can_wait:
@@ -421,9 +423,13 @@ class Bridge:
             )
         self._is_open = True
 
-    def _check_units(self, rows: Chunk) -> None:
+    def _check_first_second(self, rows: Chunk) -> None:
         if not isinstance(rows, np.ndarray) or rows.ndim != 2 or rows.shape[1] != len(self._open.columns):
             return  # the sender refuses it
+        if not self._first_second.is_over:
+            signals, before = signals_of(self._open.columns, rows), self._first_second.seen
+            for wrong in wrong_values(signals, lambda row: f"sample {before + row}"):
+                raise SourceError(f"the source: {wrong}")
         if (found := self._first_second.look(rows)) is not None:
             raise SourceError(f"the source: {found}. {unit_remedy(found, self._open.length_unit)}")
 

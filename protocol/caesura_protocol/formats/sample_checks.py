@@ -1,8 +1,8 @@
-"""Finds values and times that no session accepts while a file is read: each with its sample, limit and
-remedy.
+"""Finds values and times that no session accepts, each with its sample, limit and remedy.
 
-The service refuses the same values, and states only the sample. It leaves out samples whose time does not
-increase; this module reports those that follow a step back.
+They are found while a file is read; values also in the first second of a bridge's source. The service refuses
+the same values, and states only the sample. It leaves out samples whose time does not increase; this module
+reports those that follow a step back.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def check_values(recording: Recording) -> None:
     """
     if recording.t.size < LEAST_SAMPLES:
         return
-    for found in _wrong_values(recording):
+    for found in wrong_values(recording.signals, recording.place):
         raise RecordingError(f"{recording.name}: {found}")
 
 
@@ -181,27 +181,30 @@ def is_quaternion(joints: NDArray[np.float64] | None) -> bool:
     return bool((np.abs(np.linalg.norm(joints, axis=1) - 1.0) < QUATERNION_NORM).all())
 
 
-def _wrong_values(recording: Recording) -> Iterator[str]:
-    if is_quaternion(recording.signals.get("q")):
+def wrong_values(signals: Mapping[str, NDArray[np.float64]], place: Callable[[int], str]) -> Iterator[str]:
+    """Yield a text on each signal (n, width) with values that no session takes; the first such row is named.
+
+    place: names a row.
+    """
+    if is_quaternion(signals.get("q")):
         yield (
             "q1 to q4 have norm 1 in every sample, as a quaternion has and joints have not: name the columns "
             "qx, qy, qz, qw as they are, or the array quat"
         )
-    if "quat" in recording.signals:
-        norms = np.linalg.norm(recording.signals["quat"], axis=1)
+    if "quat" in signals:
+        norms = np.linalg.norm(signals["quat"], axis=1)
         if (row := _first(np.abs(norms - 1.0) > NORM_TOLERANCE)) is not None:
             remedy = "divide each quaternion by its norm"
             if norms[row] == 0.0:
                 remedy = "leave out the samples that have no orientation, or quat"
             yield (
-                f"{recording.place(row)}: quaternion has norm {norms[row]:g}, expected 1 ± "
-                f"{NORM_TOLERANCE:g}: {remedy}"
+                f"{place(row)}: quaternion has norm {norms[row]:g}, expected 1 ± {NORM_TOLERANCE:g}: {remedy}"
             )
-    if "gripper" in recording.signals:
-        yield from _wrong_openings(recording, recording.signals["gripper"][:, 0])
+    if "gripper" in signals:
+        yield from _wrong_openings(signals["gripper"][:, 0], place)
 
 
-def _wrong_openings(recording: Recording, openings: NDArray[np.float64]) -> Iterator[str]:
+def _wrong_openings(openings: NDArray[np.float64], place: Callable[[int], str]) -> Iterator[str]:
     """Yield errors for openings that are counts, percent, fractions, negative, or in another unit."""
     widths = np.abs(openings)
     if (row := _first(widths > WIDEST_M)) is not None:
@@ -209,18 +212,18 @@ def _wrong_openings(recording: Recording, openings: NDArray[np.float64]) -> Iter
         if unit := likely_opening_unit(float(widths.max())):
             likely = f"are they {unit}? Divide them by {1.0 / METRES[unit]:g}. Convert counts and percent"
         yield (
-            f"{recording.place(row)}: gripper is {openings[row]:g}, expected an opening [m] or a closed flag "
+            f"{place(row)}: gripper is {openings[row]:g}, expected an opening [m] or a closed flag "
             f"within ±{WIDEST_M:g}: {likely}, or leave out gripper"
         )
     if (row := _first(openings < -NEGATIVE_OPENING_M)) is not None:
         yield (
-            f"{recording.place(row)}: gripper is {openings[row]:g}, expected an opening of 0 m or more, or a "
+            f"{place(row)}: gripper is {openings[row]:g}, expected an opening of 0 m or more, or a "
             "closed flag (0 open, 1 closed): write it so, or leave out gripper"
         )
     if not is_flag(openings) and (row := _first(widths > WIDEST_FINGERS_M)) is not None:
         between = openings[(openings != 0.0) & (openings != 1.0)][0]
         yield (
-            f"{recording.place(row)}: gripper is {openings[row]:g}, expected an opening of at most "
+            f"{place(row)}: gripper is {openings[row]:g}, expected an opening of at most "
             f"{WIDEST_FINGERS_M:g} m, or a flag, which is 0 or 1, and it is {between:g} too: is it a share "
             "of the opening? Multiply it by the widest opening [m], round it to a flag (1 closed), or leave "
             "out gripper"

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from caesura_protocol.app_kinds import app_name
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import App, Phase, PhaseName
+from caesura_protocol.number_words import interval
 
 LONGEST_NAME = 64  # [characters], as the field says
 AppNumber = Annotated[int, Field(ge=0)]
@@ -44,6 +46,25 @@ def groups_of(apps: Sequence[App], phases: Sequence[Phase]) -> tuple[Group, ...]
             name = phase.name or f"{phase.kind} {counts[phase.kind]}"
             groups.append(Group(first=members[0], last=members[-1], name=name))
     return tuple(groups)
+
+
+def ungrouped_notes(apps: Sequence[App], phases: Sequence[Phase]) -> Iterator[str]:
+    """Yield a note on each phase without a group: an app from the phase before crosses it, or it has a name.
+
+    apps: as they were inferred. A phase without a name in which no app acts is a rest, and needs no note.
+    """
+    owners = {_phase_of(app, phases) for app in apps}
+    for number, phase in enumerate(phases):
+        if number in owners or len(phases) < 2:
+            continue
+        across = [
+            app_name(i, app.kind) for i, app in enumerate(apps) if app.t0 < phase.tn and phase.t0 < app.tn
+        ]
+        if across or phase.name is not None:
+            called = phase.name or phase.kind
+            when = interval(phase.t0, phase.tn, 1)
+            why = f"it lies in {across[0]}, which begins in the phase before" if across else "it has no app"
+            yield f"Phase {number + 1} ({called}) at {when} s is no group of the program: {why}."
 
 
 def renamed(groups: Sequence[Group], names: Sequence[str]) -> tuple[Group, ...]:

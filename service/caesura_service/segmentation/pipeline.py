@@ -16,6 +16,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.force_limit import with_force_limit
 from caesura_protocol.messages import App, Change, Gap, Open, Phase, Segment
 from caesura_protocol.plausibility import FirstSecond
+from caesura_protocol.programs.groups import ungrouped_notes
 from caesura_protocol.robots import RobotError
 from caesura_protocol.rotations import upright_rotation
 from caesura_protocol.upright import UP, up_in_words
@@ -523,7 +524,7 @@ class SegmentationPipeline:
         )
 
     def _left_out(self, segments: Sequence[Segment], apps: Sequence[App]) -> Iterator[str]:
-        """Yield notes on the parts of a finished demonstration that are in no app; apps: as inferred."""
+        """Yield notes on what of a finished demonstration is in no app or group; apps: as inferred."""
         if not (self._finished and apps):
             return
         if self._moves(1):
@@ -532,6 +533,7 @@ class SegmentationPipeline:
             yield note
         if self._moves(len(self._history) - 1):
             yield ENDS_MOVING
+        yield from ungrouped_notes(apps, self._view.phases)
 
     def _moves(self, index: int) -> bool:
         """Return whether the flange has moved since the observation before; False if that is unknown."""

@@ -191,3 +191,18 @@ def test_the_force_of_a_rest_that_has_no_time_is_named():
 
 def reasons(apps: tuple[App, ...]) -> list[str]:
     return [one.reason for one in fidelity_findings(apps, None, DEFAULT) if "limited" not in one.reason]
+
+
+def test_a_load_that_was_not_measured_is_named_once_a_grasp():
+    # Scripts stated 0 kg to the controller, and nothing said so.
+    apps = (
+        move(0.0, there(0.1), there(0.2)),
+        app("grasp", 1.0, 2.0, there(0.2), gripper_width=0.05),
+        app("transport", 2.0, 3.0, there(0.3)),
+        app("transport", 3.0, 4.0, there(0.4)),
+        app("gripper_move", 4.0, 5.0, there(0.4), gripper_width=0.08),
+    )
+    unknown = "carries a load that was not measured, 0 kg are assumed: enter load_kg in the JSON file"
+    assert [one for one in found(*apps) if "load" in one[1]] == [(2, unknown)]
+    weighed = [one.model_copy(update={"load_kg": 0.2}) if one.kind == "transport" else one for one in apps]
+    assert [one for one in found(*weighed) if "load" in one[1]] == []

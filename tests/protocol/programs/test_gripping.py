@@ -7,18 +7,35 @@ from pydantic import ValidationError
 
 from caesura_lab.execution.cell import Cell
 from caesura_lab.execution.checks import check
+from caesura_protocol.programs.checks import gripper_findings
 from caesura_protocol.programs.document import read_document
 from caesura_protocol.programs.gripping import gripper_of, with_gripper, within_gripper
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.robots import GripperDescription, GripperError, gripper, grippers, robot_description
-from harness.programs import as_file, pick_and_place
+from harness.programs import app, as_file, pick_and_place
 
 NO_ROBOT = "reach was not checked"
+OPEN = "no app opens the fingers before"
 
 
 def found(name: str, safety: Safety | None = None) -> list[str]:
     report = check(pick_and_place(), Cell(safety or Safety()), gripper=gripper(name))
-    return [str(one) for one in report.findings if NO_ROBOT not in str(one)]
+    said = map(str, report.findings)
+    return [one for one in said if NO_ROBOT not in one and OPEN not in one]
+
+
+def test_fingers_that_no_app_opens_before_they_close_are_named():
+    # Nothing said that a program which begins with closed fingers ends at its first contact.
+    report = check(pick_and_place(), Cell(Safety()), gripper=gripper("franka_hand"))
+    (said,) = [str(one) for one in report.findings if OPEN in str(one)]
+    assert (
+        said == f"warning: app 2 (grasp): {OPEN}: have them open by more than 50 mm when the program begins"
+    )
+    opened = (app("gripper_move", 0.0, 0.2, gripper_width=0.08), *pick_and_place())
+    assert not [one for one in gripper_findings(opened, Safety(), gripper("franka_hand")) if OPEN in str(one)]
+    assert not [
+        one for one in gripper_findings(pick_and_place(), Safety(), gripper("suction")) if OPEN in str(one)
+    ]
 
 
 def test_every_gripper_states_where_its_figures_come_from():

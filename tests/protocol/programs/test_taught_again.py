@@ -77,5 +77,6 @@ def test_fingers_that_close_where_the_object_is_not_are_an_error(off_m: float, s
     grasp = app("grasp", 1.0, 2.0, beside(B, off_m), gripper_width=0.05, changes=AGAIN, added=1)
     opening = app("gripper_move", 3.0, 4.0, beside(B, off_m), gripper_width=0.08, changes=AGAIN, added=1)
     report = document_findings(document(program(move(0.0, A, B), grasp, opening)))
-    assert [(one.severity, one.index) for one in report] == [(severity, 1)]
-    assert f"insert a move to (200, {1000 * (0.2 + off_m):.0f}, 300) mm before it" in report[0].reason
+    about_place = [one for one in report if "opens the fingers" not in one.reason]
+    assert [(one.severity, one.index) for one in about_place] == [(severity, 1)]
+    assert f"insert a move to (200, {1000 * (0.2 + off_m):.0f}, 300) mm before it" in about_place[0].reason

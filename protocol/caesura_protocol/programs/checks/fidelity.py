@@ -59,6 +59,7 @@ def fidelity_findings(
         found += _wrench_findings(quality)
         found += _notes(quality)
         found += _missing_paths(apps)
+    found += _unknown_loads(apps)
     pose: ViaPoint | None = None
     part = taught_in = None  # the edit that taught the part of this app again, and that of the pose
     led = True  # whether what was taught led from the pose to this app
@@ -242,6 +243,18 @@ def _force_limits(app: App) -> Iterator[Reason]:
             app.load_kg,
             least,
         )
+
+
+def _unknown_loads(apps: Sequence[App]) -> Iterator[Finding]:
+    """Find loads that were not measured, each at the first app that carries it: robots get a load of 0."""
+    named = False
+    for index, app in enumerate(apps):
+        if app.kind == "grasp":
+            named = False
+        elif APP_KINDS[app.kind].carries and app.load_kg is None and not named:
+            named = True
+            reason = "carries a load that was not measured, 0 kg are assumed: enter load_kg in the JSON file"
+            yield Finding("warning", index, app.kind, reason)
 
 
 def _lost_rests(app: App) -> Iterator[Reason]:

@@ -22,6 +22,7 @@ def gripper_findings(apps: Sequence[App], safety: Safety, gripper: GripperDescri
         *_unseen_losses(apps, gripper),
         *_widths(apps, gripper),
         *_unstated_widths(apps, safety, gripper),
+        *_unopened(apps, gripper),
     ]
 
 
@@ -76,3 +77,14 @@ def _unstated_widths(apps: Sequence[App], safety: Safety, gripper: GripperDescri
             assumed = ASSUMED[app.kind].format(widest_mm=1000 * widest)
             reason = f"no gripper width is stated: {assumed}; change its width"
             yield Finding("warning", index, app.kind, reason, None, widest)
+
+
+def _unopened(apps: Sequence[App], gripper: GripperDescription) -> Iterator[Finding]:
+    """Yield a warning at a first grasp before which no app opens the fingers: they must be open already."""
+    first = next((index for index, app in enumerate(apps) if app.kind in ASSUMED), None)
+    if first is None or apps[first].kind != "grasp" or gripper.kind == "suction":
+        return
+    width = apps[first].gripper_width
+    wide = "" if width is None else f" by more than {1000 * width:.0f} mm"
+    reason = f"no app opens the fingers before: have them open{wide} when the program begins"
+    yield Finding("warning", first, "grasp", reason, None, width)

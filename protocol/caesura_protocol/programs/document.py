@@ -7,8 +7,9 @@
 from __future__ import annotations
 
 import json
+import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -98,7 +99,10 @@ class ProgramFile(BaseModel):
 
     def as_json(self) -> str:
         """Return the file's text. Raises ValueError for a number that is not finite, which JSON lacks."""
-        return json.dumps(self.model_dump(mode="python"), indent=2, allow_nan=False) + "\n"
+        content = self.model_dump(mode="python")
+        for place, value in _not_finite(content):
+            raise ValueError(f"{_place_in(content, place)} is {value}, expected a finite number")
+        return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
 def document(program: Program, safety: Safety | None = None, phases: Sequence[Phase] = ()) -> ProgramFile:
@@ -202,6 +206,12 @@ def read_document(path: Path) -> ProgramFile:
         raise BadProgramError(f"{path}: nested too deeply, expected a program as a JSON object") from error
     if not isinstance(content, dict):
         raise BadProgramError(f"{path}: holds a {type(content).__name__}, expected an object")
+    version = content.get("version")
+    if content.get("format") == FORMAT and isinstance(version, int) and version > VERSION:
+        raise BadProgramError(
+            f"{path}: version is {version}, expected at most {VERSION}: a newer Caesura wrote it. Install "
+            "that one here, or write the program again with this one"
+        )
     try:
         return _parsed(content, path.stem)
     except ValidationError as error:
@@ -234,6 +244,15 @@ def _with_warnings(notes: Any, warnings: Any) -> Any:
         return notes
     said = [one.removeprefix("Warning: ") for one in warnings if isinstance(one, str)]
     return [*notes, *(one for one in said if one not in notes)]
+
+
+def _not_finite(value: Any, place: Place = ()) -> Iterator[tuple[Place, float]]:
+    """Yield the numbers in the content of a program that are not finite, each with its place."""
+    if isinstance(value, dict | list | tuple):
+        for name, part in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from _not_finite(part, (*place, name))
+    if isinstance(value, float) and not math.isfinite(value):
+        yield place, value
 
 
 def _place_in(content: dict[str, Any], place: Place) -> str:

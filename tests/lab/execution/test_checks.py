@@ -21,7 +21,7 @@ from caesura_protocol.programs.app_times import earlier
 from caesura_protocol.programs.checks.findings import CheckReport
 from caesura_protocol.programs.safety import Safety
 from caesura_service.robot import Robot, load_panda, load_robot
-from harness.programs import app, pick_and_place, press
+from harness.programs import app, path_from, pick_and_place, press
 
 Apps = tuple[App, ...]
 
@@ -330,3 +330,29 @@ def test_a_program_of_a_session_with_the_time_of_day_is_checked_as_any_other(rob
 def test_without_a_robot_a_warning_says_that_reach_was_not_checked() -> None:
     (finding,) = check(pick_and_place(), cell("pick_and_place")).findings
     assert str(finding).startswith("warning: program: reach was not checked: the program states no robot")
+
+
+def led_through(**fields: Any) -> Apps:
+    """A program of one movement, by a via point with these fields."""
+    begin, end = (-0.02, -0.56, 0.3), (-0.02, -0.45, 0.3)
+    point: dict[str, Any] = {"t": 1.0, "position": (-0.02, -0.5, 0.3), "orientation": (1.0, 0.0, 0.0, 0.0)}
+    via = ViaPoint.model_validate(point | fields)
+    path = path_from(begin, 0.0, 2.0, 0.11, orientation=(1.0, 0.0, 0.0, 0.0), via=(via,))
+    return (app("cartesian_motion", 0.0, 2.0, end, orientation=(1.0, 0.0, 0.0, 0.0), path=path),)
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"position": (math.nan, 0.0, 0.3)}, "path.via.0.position is (nan, 0.0, 0.3), expected 3 numbers"),
+        ({"velocity": (0.0, math.inf, 0.0)}, "path.via.0.velocity is (0.0, inf, 0.0), expected 3 numbers"),
+        ({"orientation": (0.0, 0.0, 0.0, 0.0)}, "length of path.via.0.orientation 0, expected 0.95 to 1.05"),
+        ({"position": (0.7, -0.7, 0.3)}, "which is out of reach or at a joint's limit"),
+    ],
+)
+def test_the_path_of_the_first_app_is_checked_as_any_other(
+    fields: dict[str, Any], said: str, robot: Robot
+) -> None:
+    # Each of these could be run: only the times of a path were checked, and no way of a first app.
+    assert check(led_through(), robot=robot).findings == ()
+    assert said in only(check(led_through(**fields), robot=robot))

@@ -144,7 +144,10 @@ NAMED = b'{"format": "caesura.program", "station": "a", "session": "b", "instanc
         (b"\xff", "no text in UTF-8, expected a program as a JSON object"),
         (b"[" * 100_000, "nested too deeply, expected a program as a JSON object"),
         (b"[]", "holds a list, expected an object"),
-        (b'{"format": "caesura.program", "version": 3}', "version is 3, expected 1 or 2"),
+        (
+            b'{"format": "caesura.program", "version": 3}',
+            "version is 3, expected at most 2: a newer",
+        ),
         (b'{"format": "caesura.program", "station": "Cell 1"}', "station is 'Cell 1', expected text of the "),
         (NAMED + b'"apps": 3}', "apps is 3, expected an array"),
         (NAMED + b'"apps": [3]}', "app 1 (?) is 3, expected an object"),
@@ -162,7 +165,7 @@ def test_what_is_no_program_is_refused_with_its_name(content: bytes, found: str,
 
 def test_what_is_not_finite_is_not_written() -> None:
     spoilt = press()[0].model_copy(update={"target": (float("nan"), 0.0, 0.0)})
-    with pytest.raises(ValueError, match="JSON"):
+    with pytest.raises(ValueError, match=r"app 1 \(move to contact\): target\.0 is nan, expected a finite"):
         as_file((spoilt,)).as_json()
 
 

@@ -264,7 +264,7 @@ def test_a_screw_ends_where_it_is_tight():
             "target at x -0.02 m, the workspace is 0.0 to 0.75 m; state that of the cell with --cell",
         ),
         (on_ur((circle().model_copy(update={"load_kg": 9.0}),)), "load 9.0 kg, at most 3.0 kg"),
-        (on_ur((app("cartesian_motion", 0.0, 1.0, (math.nan, 0.0, 0.3)),)), "Out of range float"),
+        (on_ur((app("cartesian_motion", 0.0, 1.0, (math.nan, 0.0, 0.3)),)), "app 1 .move.: target.0 is nan"),
     ],
 )
 def test_what_cannot_be_run_is_refused_by_name(program, said):

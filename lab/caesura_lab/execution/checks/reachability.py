@@ -85,7 +85,7 @@ class _Peak(NamedTuple):
 def reach_findings(apps: Sequence[App], cell: Cell, robot: Robot) -> list[Finding]:
     """Return where the arm cannot follow, is too fast, leaves its limits, or collides."""
     checker = _ReachabilityChecker(cell, robot)
-    state = _ArmState(None if cell.start is None else np.array(cell.start), None, None, touching=False)
+    state = _state_before(apps, cell)
     found: list[Finding] = []
     for index, app in enumerate(apps):
         following = apps[index + 1].kind if index + 1 < len(apps) else None
@@ -291,6 +291,15 @@ class _ReachabilityChecker:
 
 def _is_beside(point: Array, other: Array) -> bool:
     return float(np.linalg.norm(point[:2] - other[:2])) < BESIDE_M
+
+
+def _state_before(apps: Sequence[App], cell: Cell) -> _ArmState:
+    """Return the state of the arm before a program: where the cell states it, else where its path begins."""
+    place, rotation = cell.start, None
+    if place is None and apps and (path := apps[0].path) is not None:
+        place = path.start.position
+        rotation = None if path.start.orientation is None else matrix_of(path.start.orientation)
+    return _ArmState(None if place is None else np.array(place), rotation, None, touching=False)
 
 
 def _state_after(app: App, state: _ArmState, *, touching: bool) -> _ArmState:

@@ -10,7 +10,7 @@ import numpy as np
 
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import LEAST_PRESS_N, exerted_forces
-from caesura_protocol.messages import JOINTS_MOST, App
+from caesura_protocol.messages import JOINTS_MOST, App, AppPath, ViaPoint
 from caesura_protocol.number_words import fixed, reads_above
 from caesura_protocol.programs.checks.findings import Finding
 from caesura_protocol.programs.safety import Safety
@@ -22,13 +22,30 @@ NUMBERS = (
     "orientation",
     "joints",
     "force",
+    "force_taught",
     "load_kg",
     "load_sd_kg",
     "gripper_width",
     "confidence",
 )
 TIMES = ("t0", "tn")
-WIDTHS = {"target": (3,), "orientation": (4,), "joints": range(1, JOINTS_MOST + 1), "force": (3,)}
+WIDTHS = {
+    "target": (3,),
+    "orientation": (4,),
+    "joints": range(1, JOINTS_MOST + 1),
+    "force": (3,),
+    "force_taught": (3,),
+}
+NUMBERS_OF_PATH = ("end_velocity", "end_angular_velocity", "length_m", "deviation_m", "deviation_rad")
+WIDTHS_OF_PATH = {
+    "position": (3,),
+    "orientation": (4,),
+    "velocity": (3,),
+    "angular_velocity": (3,),
+    "end_velocity": (3,),
+    "end_angular_velocity": (3,),
+}
+NUMBERS_OF_POINT = ("position", "orientation", "velocity", "angular_velocity")
 NUMBERS_OF_SCREW = ("axis", "point", "angle", "pitch_m", "pitch_sd_m", "torque")
 WIDTHS_OF_SCREW = {"axis": (3,), "point": (3,), "torque": (3,)}
 ONE = (1,)
@@ -64,6 +81,14 @@ def _non_finite(index: int, app: App) -> Iterator[Finding]:
     if app.screw is not None:
         numbers = ((name, WIDTHS_OF_SCREW.get(name, ONE)) for name in NUMBERS_OF_SCREW)
         given += [(f"screw.{name}", getattr(app.screw, name), widths) for name, widths in numbers]
+    if app.path is not None:
+        parts: list[tuple[str, AppPath | ViaPoint, Sequence[str]]] = [("path", app.path, NUMBERS_OF_PATH)]
+        parts += [(place, point, NUMBERS_OF_POINT) for place, point in _points(app.path)]
+        given += [
+            (f"{place}.{name}", getattr(part, name), WIDTHS_OF_PATH.get(name, ONE))
+            for place, part, names in parts
+            for name in names
+        ]
     for name, value, widths in given:
         if value is None:
             continue
@@ -76,6 +101,13 @@ def _non_finite(index: int, app: App) -> Iterator[Finding]:
             many = "a number" if widths == ONE else f"{' to '.join(map(str, _ends(widths)))} numbers"
             expected = f"{many}, finite and below {most:g}"
             yield Finding("error", index, app.kind, f"{name} is {value!r:.100}, expected {expected}")
+
+
+def _points(path: AppPath) -> Iterator[tuple[str, ViaPoint]]:
+    """Yield the points of a path that a file states, with their places in it."""
+    yield "path.start", path.start
+    for number, point in enumerate(path.via):
+        yield f"path.via.{number}", point
 
 
 def _ends(widths: Sequence[int]) -> tuple[int, ...]:
@@ -140,6 +172,11 @@ def _ranges(app: App, safety: Safety) -> Iterator[_Range]:
     if app.orientation is not None:
         length = float(np.linalg.norm(app.orientation))
         yield _Range("length of the orientation", length, 1.0 - UNIT_TOLERANCE, 1.0 + UNIT_TOLERANCE, "")
+    for place, point in () if app.path is None else _points(app.path):
+        if point.orientation is not None:
+            length = float(np.linalg.norm(point.orientation))
+            name = f"length of {place}.orientation"
+            yield _Range(name, length, 1.0 - UNIT_TOLERANCE, 1.0 + UNIT_TOLERANCE, "")
     if app.screw is not None:
         length = float(np.linalg.norm(app.screw.axis))
         yield _Range("length of the turn's axis", length, 1.0 - UNIT_TOLERANCE, 1.0 + UNIT_TOLERANCE, "")

@@ -26,7 +26,7 @@ from caesura_protocol.programs.default_safety import re_targeted, safety_for
 from caesura_protocol.programs.groups import Group, groups_of
 from caesura_protocol.programs.program_timing import ProgramTiming
 from caesura_protocol.programs.safety import DEFAULT, Safety
-from caesura_protocol.robots import RobotDescription, robot_description
+from caesura_protocol.robots import robot_description
 from caesura_protocol.validation_words import Place, dotted, first_finding
 
 FORMAT: Literal["caesura.program"] = "caesura.program"
@@ -168,7 +168,8 @@ def on_robot(program: ProgramFile, robot: str | None, *, retarget: bool = False)
     name, taught_on = arm.name, program.robot or "a robot that was not stated"
     placed = {"robot": name, "safety": re_targeted(program.safety, program.robot, name)}
     if program.robot == name or (program.robot is None and not retarget):
-        _refuse_other_joints(program, arm)
+        if wrong := other_joints(program, name, len(arm.joints)):
+            raise CaesuraError(wrong)
         return program.model_copy(update=placed)
     if not retarget:
         raise CaesuraError(f"the program was taught on {program.robot}, not on {name}: {LEFT_OUT}")
@@ -177,12 +178,13 @@ def on_robot(program: ProgramFile, robot: str | None, *, retarget: bool = False)
     return program.model_copy(update={**placed, "apps": steps, "notes": (*program.notes, note)})
 
 
-def _refuse_other_joints(program: ProgramFile, arm: RobotDescription) -> None:
-    count = len(arm.joints)
+def other_joints(program: ProgramFile, arm: str, count: int) -> str | None:
+    """Return why a program is not for an arm with so many joints, by its first such app; None: it may be."""
     for index, app in enumerate(program.apps):
         if app.joints is not None and len(app.joints) != count:
             taught = f"{app_name(index, app.kind)} was taught with {len(app.joints)} joints"
-            raise CaesuraError(f"{taught}, and {arm.name} has {count}: {LEFT_OUT}")
+            return f"{taught}, and {arm} has {count}: {LEFT_OUT}"
+    return None
 
 
 def read_document(path: Path) -> ProgramFile:

@@ -16,7 +16,7 @@ import numpy as np
 
 from caesura_protocol.app_kinds import APP_KINDS, step_title
 from caesura_protocol.messages import App, Vector
-from caesura_protocol.programs.document import LEFT_OUT, ProgramFile
+from caesura_protocol.programs.document import ProgramFile, other_joints
 from caesura_protocol.programs.export_limits import (
     acting_limits,
     force_in_tool,
@@ -57,6 +57,8 @@ def ur_script(program: ProgramFile) -> str:
     title = "an arm of Universal Robots" if robot is None else robot.title
     acceleration = within_robot(ACCELERATION_M_PER_S2, robot)
     refuse_beyond_limits(program)
+    if wrong := other_joints(program, title, JOINTS):
+        raise ValueError(wrong)
     writer = _Writer(program)
     lines = [line for app in planned_apps(program, acceleration) for line in writer.lines(app)]
     texts = {
@@ -120,7 +122,7 @@ class _Writer:
         if APP_KINDS[app.kind].carries:
             lines.append(f"carry({app.load_kg or 0.0:.3f})")
         if planned.start is not None:
-            near = "get_actual_joint_positions()" if app.joints is None else _list(self._six(planned))
+            near = "get_actual_joint_positions()" if app.joints is None else _list(app.joints)
             pose = _pose(*planned.start)
             lines.append(f"movej(get_inverse_kin({pose}, {near}), a=0.5, v=START_RAD_PER_S)")
         moves = [_move(leg, "movel") for leg in planned.legs]
@@ -133,13 +135,6 @@ class _Writer:
         lines += self._watched(planned.place, moves, "felt() < CONTACT_FORCE_N")
         lines += [] if moves else ["global arrived = True"]
         return [*lines, *held, f"search_contact({_list(app.target or ())}, {_list(planned.contact)})"]
-
-    def _six(self, planned: PlannedApp) -> Sequence[float]:
-        joints = planned.app.joints or ()
-        if len(joints) != JOINTS:
-            taught = f"{planned.name} was taught with {len(joints)} joints"
-            raise ValueError(f"{taught}, and Universal Robots' arms have {JOINTS}: {LEFT_OUT}")
-        return joints
 
     def _check_held(self, app: App) -> list[str]:
         """Return the check for a held object if an app carries and the gripper reports one; else no line."""

@@ -58,7 +58,7 @@ def test_joints_of_another_arm_are_refused_where_no_robot_was_stated(taught: Pro
     unstated = taught.model_copy(update={"robot": None})
     with pytest.raises(CaesuraError, match=r"app 1 \(move\) was taught with 7 joints, and ur5e has 6: with"):
         on_robot(unstated, "ur5e")
-    with pytest.raises(ValueError, match="taught with 7 joints, and Universal Robots' arms have 6"):
+    with pytest.raises(ValueError, match="taught with 7 joints, and an arm of Universal Robots has 6"):
         WRITERS["urscript"].write(unstated)
     moved = on_robot(unstated, "ur5e", retarget=True)
     assert [app.joints for app in moved.apps] == [None]

@@ -103,7 +103,7 @@ class _Writer:
     def lines(self, planned: PlannedApp) -> list[str]:
         """Return the lines of an app, and of the pause after it."""
         app = planned.app
-        lines = ["", f"# {planned.name}, {app.tn - app.t0:.2f} s as taught"]
+        lines = ["", f"# {planned.name}, {app.tn - app.t0:.2f} s"]
         if app.name or app.target_name:
             lines.append(f"# called: {step_title(app.kind, app.name, app.target_name)}")
         lines += [f"# {comment}" for comment in self._comments.get(planned.place, ())]

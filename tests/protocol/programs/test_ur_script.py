@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from caesura_clients.cli.program_speed import at_speed
 from caesura_protocol.messages import App, AppPath, ScrewMotion, Vector, ViaPoint
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import Safety
@@ -485,3 +486,9 @@ def test_the_fingers_do_not_close_where_the_arm_stands_elsewhere(off_m: float, c
     said = "app 1 (grasp): bring the arm to where it grasps first, it is away by [m]: 0.05"
     assert any(call["s"].startswith(said) for call in controller.named("popup")) != closes
     assert ("POS" in [call["name"] for call in controller.named("socket_set_var")]) == closes
+
+
+def test_a_script_at_half_the_speed_does_not_call_its_times_taught():
+    # It read "app 1 (move), 8.00 s as taught" of a movement that was taught in 4 s.
+    slow = ur_script(at_speed(on_ur((circle(),)), "0.5", ()))
+    assert "# app 1 (move), 8.00 s\n" in slow

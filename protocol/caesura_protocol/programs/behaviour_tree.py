@@ -1,7 +1,8 @@
 """Writes a program as a behaviour tree for BehaviorTree.CPP 4: one sequence, one action per app, typed ports.
 
 Lists of numbers have semicolons, as in its text form of a `std::vector<double>`. The node registered under an
-action's name implements it (https://www.behaviortree.dev, "The XML format").
+action's name implements it (https://www.behaviortree.dev, "The XML format"). Pauses between apps are `Sleep`,
+a node of the library. The robot and the findings of a check are comments.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from caesura_protocol.force_limit import is_path_limited
 from caesura_protocol.messages import AppPath
 from caesura_protocol.programs.app_times import rests_of
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
+from caesura_protocol.programs.planned_apps import LEAST_PAUSE_S, pause_between
+from caesura_protocol.programs.script_templates import findings_by_app
 from caesura_protocol.reproduced_path import turning_at_points
 from caesura_protocol.screw_motion import torque_about_axis
 
@@ -39,7 +42,7 @@ class Port(NamedTuple):
 TARGET = Port("target", DOUBLES, "x;y;z of the flange in the base frame [m]")
 ORIENTATION = Port("orientation", DOUBLES, "x;y;z;w of the flange in the base frame")
 JOINTS = Port("joints", DOUBLES, "the joints as they were taught [rad]")
-SECONDS = Port("seconds", DOUBLE, "how long it took when it was taught [s]")
+SECONDS = Port("seconds", DOUBLE, "how long it lasts [s]")
 FORCE = Port("force", DOUBLES, "x;y;z that the robot exerts, base frame [N]")
 WIDTH = Port("width", DOUBLE, "between the fingers [m]")
 LOAD = Port("load", DOUBLE, "what is carried [kg]")
@@ -87,15 +90,27 @@ PORTS: Mapping[str, Port] = MappingProxyType(
 
 
 def behaviour_tree(program: ProgramFile) -> str:
-    """Return the XML text, with a model of every action that it uses."""
+    """Return the XML text, with a model of every action that it uses.
+
+    Raises ValueError for a number that is not finite.
+    """
+    program.as_json()  # refuses what is not finite
+    comments = findings_by_app(program)
     root = Xml.Element("root", {"BTCPP_format": "4", "main_tree_to_execute": TREE})
     tree = Xml.SubElement(root, "BehaviorTree", {"ID": TREE})
     name = f"{program.station}/{program.session}, revision {program.revision}"
     sequence = Xml.SubElement(tree, "Sequence", {"name": name})
+    if program.robot is not None:
+        sequence.append(_comment(f"taught on the robot {program.robot}"))
+    sequence.extend(map(_comment, comments.get(None, ())))
     for index, app in enumerate(program.apps):
+        sequence.extend(map(_comment, comments.get(index, ())))
         title = NO_XML.sub("\N{REPLACEMENT CHARACTER}", step_title(app.kind, app.name, app.target_name))
         given = {"name": f"{app_number(index)} {title}"} | _inputs(app, program)
         Xml.SubElement(sequence, action_name(app.kind), given)
+        following = program.apps[index + 1] if index + 1 < len(program.apps) else None
+        if (pause_s := pause_between(app, following, program.safety)) >= LEAST_PAUSE_S:
+            Xml.SubElement(sequence, "Sleep", {"msec": str(round(1000 * pause_s))})
     models = Xml.SubElement(root, "TreeNodesModel")
     for kind in sorted({app.kind for app in program.apps}):
         _model(models, kind)
@@ -106,6 +121,11 @@ def behaviour_tree(program: ProgramFile) -> str:
 def action_name(kind: AppKind) -> str:
     """Return the name under which an action is registered: MoveToContact for move_to_contact."""
     return kind.title().replace("_", "")
+
+
+def _comment(text: str) -> Xml.Element:
+    """Return a comment; XML has no `--` within one, and some characters nowhere."""
+    return Xml.Comment(NO_XML.sub("\N{REPLACEMENT CHARACTER}", f" {text.replace('--', '- -')} "))
 
 
 def _model(models: Xml.Element, kind: AppKind) -> None:

@@ -11,10 +11,12 @@ from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.app_times import rest_newtons, rests_of
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.export_limits import press_direction, without_friction
+from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.straight_legs import Leg, Quaternion, straight_legs
 
 STANDOFF_M = 0.02  # before a contact, from where it is looked for slowly
 ROUNDING_M = 1e-6
+LEAST_PAUSE_S = 0.05
 STILL_RAD = 0.002  # a leg without a way that turns less stays where it is
 GRIPS = ("grasp", "gripper_move")
 
@@ -86,8 +88,7 @@ def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedA
             start, legs = _begun(app, legs)
         stands = app.target if app.kind == "grasp" and not moved else None
         moved = moved or start is not None
-        pause = 0.0 if following is None else max(following.t0 - app.tn, 0.0)
-        pause = min(pause, program.safety.pause_s)
+        pause = pause_between(app, following, program.safety)
         legs, clear = _cleared(legs, touched, contact)
         rests = rest_newtons(app)
         yield PlannedApp(
@@ -96,6 +97,11 @@ def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedA
         place = app.target or place
         touches = contact is not None or app.kind == "apply_force"
         touched = place if touches else _still_touched(legs, touched)
+
+
+def pause_between(app: App, following: App | None, safety: Safety) -> float:
+    """Return the pause [s] that a robot makes between two apps: as it was taught, up to its limit."""
+    return 0.0 if following is None else min(max(following.t0 - app.tn, 0.0), safety.pause_s)
 
 
 def _leaves(leg: Leg, touched: Vector) -> bool:

@@ -41,10 +41,10 @@ def robot_of_script(program: ProgramFile, script: str, expected: str) -> RobotDe
 
 
 def findings_as_comments(program: ProgramFile) -> dict[int | None, list[str]]:
-    """Return a check's findings as comment lines without a mark, by app from 0; None: the whole program.
+    """Return comment lines of a script without a mark, by app from 0; None: the whole program.
 
-    A carry that sets down has a line on its contact search, a stroke one on the removed friction. Reach is
-    not checked, because that needs the kinematics of a robot.
+    Besides a check's findings, a carry that sets down has a line on its contact search, a stroke one on the
+    removed friction.
     """
     comments: dict[int | None, list[str]] = {
         index: ["sets down: looks for the surface at its end, slowly until it is felt"]
@@ -55,15 +55,26 @@ def findings_as_comments(program: ProgramFile) -> dict[int | None, list[str]]:
         if (rubbed_n := friction_of(app)) > NAMED_FRICTION_N:
             said = f"{rubbed_n:.1f} N of the taught force are left out: friction takes them along the way"
             comments.setdefault(index, []).append(said)
+    for place, found in findings_by_app(program).items():
+        comments.setdefault(place, []).extend(found)
+    return comments
+
+
+def findings_by_app(program: ProgramFile) -> dict[int | None, list[str]]:
+    """Return what a check finds as lines, by app from 0; None: the whole program.
+
+    Reach is not checked: that needs the kinematics of a robot.
+    """
+    found: dict[int | None, list[str]] = {}
     if program.robot is None:
-        comments[None] = [f"warning: {NO_ROBOT}"]
+        found[None] = [f"warning: {NO_ROBOT}"]
     clock = clock_from(program.apps[0].t0 if program.apps else 0.0)
     for one in document_findings(program):
         text = clock.text(f"{one.severity}: {one.reason}")
-        comments.setdefault(one.index, []).append(_one_line(text))
-    if clock.words and comments:
-        comments.setdefault(None, []).insert(0, f"in comments, {clock.words}")
-    return comments
+        found.setdefault(one.index, []).append(_one_line(text))
+    if clock.words and found:
+        found.setdefault(None, []).insert(0, f"in comments, {clock.words}")
+    return found
 
 
 def head_comments(program: ProgramFile) -> str:

@@ -24,7 +24,7 @@ from caesura_protocol.programs.export_limits import (
     within_robot,
 )
 from caesura_protocol.programs.gripping import gripper_of, not_driven
-from caesura_protocol.programs.planned_apps import GRIPS, PlannedApp, planned_apps
+from caesura_protocol.programs.planned_apps import GRIPS, LEAST_PAUSE_S, PlannedApp, planned_apps
 from caesura_protocol.programs.script_templates import (
     filled_template,
     findings_as_comments,
@@ -41,7 +41,6 @@ ACCELERATION_M_PER_S2 = 1.2  # as movel has it where none is stated
 GRAVITY_M_PER_S2 = 9.82  # as the controller's installation has it; the vector points away from the ground
 WIDTH_MARGIN_M = 0.01  # by which the fingers are sent on past the width of what they grasp
 JOINTS = 6  # of every arm of the maker
-LEAST_PAUSE_S = 0.05
 PERIOD_S = 0.02  # between two looks at the depth of a press
 SLIDE_M = 0.005  # a way that is longer, in contact, is one along a surface
 INDENT = "  "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from xml.etree import ElementTree as Xml
 
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, AppPath, ViaPoint
 from caesura_protocol.programs.behaviour_tree import PORTS, action_name, behaviour_tree
-from harness.programs import DOWN, app, as_file, pick_and_place, press, pressed_harder_before, wiped
+from harness.programs import DOWN, app, as_file, move, pick_and_place, press, pressed_harder_before, wiped
 
 
 def tree(apps: tuple[App, ...]) -> Xml.Element:
@@ -25,7 +26,8 @@ def test_it_is_one_sequence_of_version_4_with_an_action_an_app(apps: tuple[App, 
     assert root.get("main_tree_to_execute") == behaviour.get("ID")
     (sequence,) = list(behaviour)
     assert sequence.tag == "Sequence"
-    assert [node.tag for node in sequence] == [action_name(app.kind) for app in apps]
+    actions = [node.tag for node in sequence if node.tag != "Sleep"]
+    assert actions == [action_name(app.kind) for app in apps]
 
 
 @pytest.mark.parametrize("apps", [pick_and_place(), press()])
@@ -35,6 +37,7 @@ def test_every_node_has_a_model_and_every_attribute_a_typed_port(apps: tuple[App
         model.get("ID"): {port.get("name"): port.get("type") for port in model.findall("input_port")}
         for model in root.findall("TreeNodesModel/Action")
     }
+    models["Sleep"] = {"msec": "double"}  # which the library has
     for node in root.iterfind("BehaviorTree/Sequence/*"):
         ports = models[node.tag]
         for name, value in node.attrib.items():
@@ -91,3 +94,28 @@ def test_the_force_of_a_rest_beside_a_way_is_a_port() -> None:
     assert (stroke.attrib["force_before"], stroke.attrib["force_after"]) == ("12", "5")
     _, even = tree(wiped()).iterfind("BehaviorTree/Sequence/*")
     assert "force_before" not in even.attrib
+
+
+def test_a_pause_that_was_taught_between_two_apps_is_kept_up_to_its_limit() -> None:
+    # It was lost: the next action began at once, and nothing said so.
+    apps = (move(0.0, (0.4, 0.0, 0.3), (0.4, 0.1, 0.3)), move(2.6, (0.4, 0.1, 0.3), (0.4, 0.0, 0.3)))
+    assert [node.get("msec") for node in tree(apps).iterfind("BehaviorTree/Sequence/Sleep")] == ["1600"]
+    later = (apps[0], move(50.0, (0.4, 0.1, 0.3), (0.4, 0.0, 0.3)))
+    assert [node.get("msec") for node in tree(later).iterfind("BehaviorTree/Sequence/Sleep")] == ["10000"]
+
+
+def test_the_robot_and_what_a_check_finds_are_comments() -> None:
+    # A tree did not name the arm whose poses it has, nor what of the demonstration it leaves out.
+    note = "Not observed: 1.00–1.20 s -- samples were lost."
+    program = as_file(pick_and_place()).model_copy(update={"robot": "panda", "notes": (note,)})
+    text = behaviour_tree(program)
+    Xml.fromstring(text)
+    assert "<!-- taught on the robot panda -->" in text
+    assert "<!-- warning: Not observed: 1.00–1.20 s - - samples were lost. -->" in text
+    assert "no app opens the fingers before" in text.split("<Grasp")[0]
+    assert "sets down" not in text, "that is how a script does it"
+
+
+def test_a_number_that_is_not_finite_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"app 1 \(move\): target\.0 is nan"):
+        tree((move(0.0, (0.4, 0.0, 0.3), (math.nan, 0.1, 0.3)),))

@@ -427,7 +427,8 @@ class Bridge:
         if not isinstance(rows, np.ndarray) or rows.ndim != 2 or rows.shape[1] != len(self._open.columns):
             return  # the sender refuses it
         if not self._first_second.is_over:
-            signals, before = signals_of(self._open.columns, rows), self._first_second.seen
+            signals = signals_of(self._open.columns, np.asarray(rows, np.float64))
+            before = self._first_second.seen
             for wrong in wrong_values(signals, lambda row: f"sample {before + row}"):
                 raise SourceError(f"the source: {wrong}")
         if (found := self._first_second.look(rows)) is not None:

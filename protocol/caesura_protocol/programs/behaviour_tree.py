@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from xml.etree import ElementTree as Xml
 
 import numpy as np
@@ -123,7 +123,7 @@ def action_name(kind: AppKind) -> str:
     return kind.title().replace("_", "")
 
 
-def _comment(text: str) -> Xml.Element:
+def _comment(text: str) -> Xml.Element[Any]:
     """Return a comment; XML has no `--` within one, and some characters nowhere."""
     return Xml.Comment(NO_XML.sub("\N{REPLACEMENT CHARACTER}", f" {text.replace('--', '- -')} "))
 

@@ -6,6 +6,7 @@ from functools import lru_cache
 from typing import cast
 
 from caesura_protocol.messages import Open, WrenchReport, WrenchSource
+from caesura_protocol.number_words import fixed
 from caesura_protocol.recording import ASSUMED
 from caesura_service.changepoint.preset import Preset
 from caesura_service.signals import SampleLayout, WrenchCapabilities
@@ -38,6 +39,14 @@ def standing_notes(
         *([ASSUMED_ROBOT] if assumed else []),
         *([UNREAD_JOINTS] if layout.has("q") and not layout.has_orientation else []),
         *of_file,
+    )
+
+
+def frozen_note(since: float) -> str:
+    """Return the note on a force that stayed the same number in motion; since: [s] when a hint named it."""
+    return (
+        f"The force stayed the same number while the robot moved, first until {fixed(since, 1)} s: contacts "
+        "and loads were not seen then. Look at the sensor and its driver, and teach it again."
     )
 
 

@@ -54,7 +54,7 @@ from caesura_service.segmentation.corrections import (
 from caesura_service.segmentation.edit_context import edit_context
 from caesura_service.segmentation.encoded_log import EncodedMessageLog, MessageSequence
 from caesura_service.segmentation.finalized_segments import SegmentEntry
-from caesura_service.segmentation.input_notes import standing_notes, wrench_report
+from caesura_service.segmentation.input_notes import frozen_note, standing_notes, wrench_report
 from caesura_service.segmentation.observation_store import ObservationStore, holding
 from caesura_service.segmentation.opening_layout import arm_of, robot_of, sample_layout
 from caesura_service.segmentation.program_builder import IncrementalProgramBuilder
@@ -187,6 +187,7 @@ class SegmentationPipeline:
         self._grips: list[GripperAction] = []
         self._program, self._looked = self._growing(), _NEVER
         self._lost = False  # the next gap was declared, not seen
+        self._frozen: float | None = None  # [s] when a hint first named a force that does not change
         self._began = math.inf  # [s] first sample
         self._finished = False
         self._program_part: dict[str, Any] = {"apps": (), "notes": (), "unapplied": {}}  # of the view
@@ -382,6 +383,9 @@ class SegmentationPipeline:
             self._step(len(self._history) - 1)
             self._keep_up()
             give_way()
+        if self._frozen is None:
+            frozen = (hint.since for hint in self._coach.log.hints if hint.kind == "frozen_force")
+            self._frozen = next(frozen, None)
         happened, count = self._happened(), self._division.online.count
         due = self._finished or count >= looked.observations + LOOK_EVERY
         if not due and happened.is_like(looked.happened):
@@ -545,6 +549,8 @@ class SegmentationPipeline:
         notes = [*self._standing_notes]
         if (doubt := self._conditioner.tare_doubt) and self._in_use.contact_models:
             notes.append(doubt)
+        if self._frozen is not None and self._in_use.contact_models:
+            notes.append(frozen_note(self._frozen))
         if self._gaps.all:
             notes.append(self._gaps.note(self._began))
         if anew := self._heeded.anew:

@@ -130,6 +130,19 @@ def test_a_force_that_freezes_is_hinted_at_while_the_robot_moves(source: WrenchS
     assert f"The force is {np.linalg.norm(newest):.1f} N, always the same number" in hint.text
 
 
+@pytest.mark.parametrize(("source", "named"), [("flange_sensor", True), (None, False)])
+def test_a_program_names_a_force_that_froze_where_contacts_were_looked_for(
+    source: WrenchSource | None, named: bool
+):
+    # A press that no sensor saw was a movement of the program, and no finding of a check said so.
+    view = segmented(replace(frozen(guided(), FAULT_S, turning=False), wrench_source=source))
+    (hint,) = [one for one in view.hints if one.kind == "frozen_force"]
+    said = [one for one in view.notes if one.startswith("The force stayed the same number")]
+    assert [f"first until {hint.since:.1f} s: contacts and loads were not seen" in one for one in said] == (
+        [True] * named
+    )
+
+
 def test_a_force_of_zeros_is_hinted_at_and_a_session_without_a_wrench_is_not():
     silent = guided()
     silent = replace(silent, signals={**silent.signals, "force": np.zeros((silent.t.size, 3))})

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.formats.read import load_recording
-from caesura_protocol.messages import Close
+from caesura_protocol.messages import Close, Describe, Description
 from caesura_service.config import ServiceConfig, journal_path
 from caesura_service.journal import Record, SqliteJournal
 from caesura_service.offline_segmentation import BATCH_SAMPLES, opening_of, segment_recording
@@ -195,6 +195,23 @@ def test_of_several_instances_the_copy_that_is_furthest_along_is_exported(direct
     assert load_recording(out).t.size == len(guided().t)
     assert caesura("export", "s1", "-o", out, *where, "--instance", "other").exit_code == 0
     assert load_recording(out).t.size == 4 * BATCH_SAMPLES
+
+
+def test_a_copy_with_a_refused_close_is_exported_after_the_one_that_counts(directory):
+    """An instance that was frozen had closed the session: fewer samples were exported."""
+    copied(directory, "other", 4, close=True)
+    with SqliteJournal(journal_path(directory, "other")) as frozen:
+        frozen.store_takeover("cell-1", 1)
+    with SqliteJournal(journal_path(directory, ServiceConfig().instance)) as owner:
+        described = Describe(
+            session="s1", author="Ann", before=Description(), description=Description(task="wipe")
+        )
+        owner.append(Record("cell-1", "s1", 1.0, described))
+        owner.store_takeover("cell-1", 2)
+    out = directory / "s1.npz"
+    done = caesura("export", "s1", "-o", out, "--station", "cell-1", "--journal", directory)
+    assert done.exit_code == 0, done.stderr
+    assert load_recording(out).t.size == len(guided().t)
 
 
 def test_a_session_is_deleted_at_every_instance_that_has_it(directory):

@@ -15,8 +15,18 @@ import pytest
 
 from caesura_clients import Caesura, connect, editing
 from caesura_clients.query import services
-from caesura_protocol.keys import session_key
-from caesura_protocol.messages import Ack, Insert, Relabel, SessionStatus, Snapshot, Undo
+from caesura_protocol.codec import encode
+from caesura_protocol.keys import session_key, station_key
+from caesura_protocol.messages import (
+    Ack,
+    Control,
+    Edit,
+    Insert,
+    Relabel,
+    SessionStatus,
+    Snapshot,
+    Undo,
+)
 from caesura_service.offline_segmentation import batches, opening_of, segment_recording
 from caesura_service.ownership.station_assignment import stations_of
 from caesura_service.segmentation.pipeline import make_pipeline
@@ -39,6 +49,23 @@ from harness.processes import (
     teaching,
 )
 
+# The service, which is frozen just before it records an edit of LATE, once: after its look at the epochs.
+LATE = "late"
+FREEZING = f"""
+import signal, threading
+from caesura_service.journal import AppliedEdit, SqliteJournal
+append = SqliteJournal.append
+
+def freezing(journal, record, *, now=False):
+    if isinstance(record.message, AppliedEdit) and record.message.author == {LATE!r}:
+        SqliteJournal.append = append
+        signal.pthread_kill(threading.get_ident(), signal.SIGSTOP)  # this thread does not go on
+    append(journal, record, now=now)
+
+SqliteJournal.append = freezing
+from caesura_service.__main__ import app
+app()
+"""
 INSTANCES = ("east", "west")
 STATIONS = tuple(f"cell-{number}" for number in range(1, 5))
 WESTS = sorted(stations_of("west", INSTANCES, STATIONS))
@@ -180,3 +207,27 @@ def test_corrections_outlive_the_instance_that_took_them(pair):
     pair.west.start()
     pair.until_served_by("west", station)
     assert edit(Undo(), revision=2).revision == 3  # rebuilt from the other's journal
+
+
+def test_an_edit_that_is_refused_after_a_freeze_takes_no_acknowledged_one_away(pair):
+    """An instance stopped between its look at the epochs and its record, which counted from then on."""
+    (station, *_) = WESTS
+    pair.west.kill()
+    pair.west.command[1:3] = ["-c", FREEZING]
+    pair.west.start()
+    assert pair.teach(station).result(DEADLINE_S).state == "closed"
+    pair.until_served_by("west", station)
+    late, kept, next_one = Insert(t=0.8), Insert(t=0.5), Relabel(t=0.3, kind="steady")
+    edit = partial(editing.edit, pair.caesura.transport, station, SESSION)
+    content = encode(Control(command=Edit(session=SESSION, revision=0, author=LATE, action=late)))
+    pair.caesura.transport.query(station_key(station, "control"), content, timeout_s=5.0)
+    eventually(lambda: " T " in Path(f"/proc/{pair.west.pid}/stat").read_text())
+    pair.until_served_by("east", station)
+    assert edit(kept, revision=0, author="Ann").revision == 1
+    expected = snapshot(pair.caesura, station).changepoints
+    pair.west.thaw()
+    pair.until_served_by("west", station)
+    found = snapshot(pair.caesura, station)
+    assert (found.status.revision, found.program.author) == (1, "Ann")
+    assert found.changepoints.changepoints == expected.changepoints
+    assert edit(next_one, revision=1, author="Bo").revision == 2

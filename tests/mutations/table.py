@@ -306,7 +306,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "an instance that was frozen shows what it had before",
         "service/caesura_service/ownership/registry.py",
-        "        self.ownership.begin_catching_up(station)\n",
+        "            self.ownership.begin_catching_up(station)\n",
         "",
         (
             "tests/service/ownership/test_edits_of_two_instances.py::test_an_owner_that_was_frozen_shows_nothing_before_it_has_the_corrections_of_its_successor",
@@ -319,6 +319,33 @@ MUTATIONS: tuple[Mutation, ...] = (
         "                pass\n",
         (
             "tests/service/ownership/test_edits_of_two_instances.py::test_an_edit_is_not_acknowledged_where_another_instance_acquires_the_station_meanwhile",
+        ),
+    ),
+    Mutation(
+        "a change that was refused and yet recorded counts by the length of its copy",
+        f"{JOURNAL}/overruled.py",
+        "    if mine.owner_epoch >= counting.owner_epoch:\n",
+        "    if True or mine.owner_epoch >= counting.owner_epoch:\n",
+        (
+            "tests/service/ownership/test_refused_records.py::test_a_refused_change_takes_no_acknowledged_one_away",
+        ),
+    ),
+    Mutation(
+        "a change is recorded before the takeover that it follows is in the journal",
+        "service/caesura_service/ownership/station_ownership.py",
+        "            (self._unmarked, self._own.store_takeover),\n",
+        "",
+        (
+            "tests/service/ownership/test_refused_records.py::test_a_takeover_that_is_not_on_disk_yet_is_there_before_the_next_change",
+        ),
+    ),
+    Mutation(
+        "a takeover that was begun counts as completed",
+        "service/caesura_service/ownership/station_ownership.py",
+        "        self._unmarked.discard(station)\n        with",
+        "        self._unmarked.add(station)\n        with",
+        (
+            "tests/service/ownership/test_refused_records.py::test_a_takeover_that_is_given_up_or_killed_leaves_the_acknowledged_change_to_the_next_one",
         ),
     ),
     Mutation(

@@ -16,18 +16,22 @@ from caesura_clients.cli.connection_options import Station
 from caesura_clients.cli.options import grouped, reported
 from caesura_lab.commands.dataset_options import DATASET_OPTIONS, DatasetOptions, write_dataset
 from caesura_protocol.distribution import install_command
-from caesura_protocol.errors import CaesuraError, NotFound
+from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
 from caesura_protocol.number_words import counted
 from caesura_protocol.recording import Recording
 from caesura_service.config import journal_directory, journal_path
 from caesura_service.journal import (
+    Changes,
     Copy,
     Journal,
     JournalBusyError,
     JournalError,
     Key,
     PeerCopy,
+    PeerJournals,
     SqliteJournal,
+    last_owned,
+    refused_in,
 )
 from caesura_service.offline_segmentation import recording_of
 
@@ -200,7 +204,8 @@ def _open_journal(path: Path, *, alone: bool = False) -> Iterator[SqliteJournal]
 def _find_session(journals: list[Path], session: str, station: str | None) -> Found:
     """Return the named session with its copies, the one with the most records first.
 
-    Raises NotFound, which lists the existing sessions, or CaesuraError.
+    A copy with refused changes comes after the others. Raises NotFound, which lists the existing sessions, or
+    CaesuraError.
     """
     known = [PeerCopy(path, copy) for path in journals for copy in _copies(path, one_of=len(journals))]
     meant = [matches for matches in known if matches.copy.session == session]
@@ -216,7 +221,21 @@ def _find_session(journals: list[Path], session: str, station: str | None) -> Fo
     if len(stations) > 1:
         named = ", ".join(stations)
         raise CaesuraError(f"several stations have a session {session!r}: name one of {named} with --station")
-    return meant[0].copy.key, sorted(meant, key=lambda matches: matches.copy.progress, reverse=True)
+    last = last_owned(meant, lambda matches: matches.copy)
+
+    def order(one: PeerCopy) -> tuple[object, ...]:
+        refused = refused_in(one.copy, last.copy, lambda: (_changes(one), _changes(last)))
+        return refused is None, one.copy.progress
+
+    return meant[0].copy.key, sorted(meant, key=order, reverse=True)
+
+
+def _changes(found: PeerCopy) -> Changes | None:
+    """Return the changes of a copy; None where they cannot be read."""
+    try:
+        return Changes.of(PeerJournals(None).changes(found))
+    except (JournalError, ProtocolError):
+        return None
 
 
 def _copies(path: Path, one_of: int) -> tuple[Copy, ...]:

@@ -16,9 +16,11 @@ from caesura_service.journal.journal import (
     PeerJournalError,
     Record,
     Recordable,
+    Refused,
     StoredOutcome,
 )
 from caesura_service.journal.memory import MemoryJournal
+from caesura_service.journal.overruled import Changes, last_owned, refused_in
 from caesura_service.journal.peer_journals import PeerCopy, PeerJournals
 from caesura_service.journal.reading import (
     BatchRow,
@@ -36,6 +38,7 @@ __all__ = [
     "AppliedProgramEdit",
     "BatchRow",
     "BatchSource",
+    "Changes",
     "Copy",
     "EncodedBatch",
     "FileBatches",
@@ -57,8 +60,11 @@ __all__ = [
     "PeerJournals",
     "Record",
     "Recordable",
+    "Refused",
     "Resolution",
     "SessionExtent",
     "SqliteJournal",
     "StoredOutcome",
+    "last_owned",
+    "refused_in",
 ]

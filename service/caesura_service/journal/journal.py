@@ -1,5 +1,7 @@
 """The journal's interface. A record is written before it is processed, and never changed.
 
+A record that was refused after it had been written may be set aside (`retract`).
+
 Every message that changes a session is recorded, in the order of processing: the opening, every new batch,
 every gap that was declared lost (an `evicted` error), every edit, description and edit of the program, the
 close. Repeated messages, and refused ones that changed nothing, are not recorded.
@@ -118,6 +120,7 @@ class Copy(NamedTuple):
     size: int  # [bytes]
     edits: int = 0
     described: int = 0  # changes of the description and edits of the program: they alter no result
+    owner_epoch: int = -1  # of the last takeover of the station that the journal's instance has completed
 
     @property
     def key(self) -> Key:
@@ -128,6 +131,14 @@ class Copy(NamedTuple):
     def progress(self) -> tuple[bool, int, int, int, int]:
         """A sort key that is greater for the copy with more records."""
         return self.closed, self.last_seq, self.edits, self.described, self.size
+
+
+class Refused(NamedTuple):
+    """Records of a session that were refused: its changes beyond so many, and perhaps its close."""
+
+    edits: int  # that stay
+    described: int  # likewise, of the changes of the description and edits of the program
+    close: bool  # whether the close was refused
 
 
 class StoredOutcome(NamedTuple):
@@ -162,6 +173,12 @@ class Journal(Protocol):
     def edits(self, station: str, session: str) -> tuple[AppliedEdit, ...]:
         """Return the edits of a session, oldest first."""
 
+    def changes(self, station: str, session: str) -> tuple[Recordable, ...]:
+        """Return the edits, descriptions and program edits of a session, oldest first.
+
+        Raises JournalError, and ProtocolError where one is unreadable.
+        """
+
     def edit_at(
         self, station: str, session: str, kind: type[Edit] | type[EditProgram], revision: int
     ) -> Edit | EditProgram | None:
@@ -185,6 +202,12 @@ class Journal(Protocol):
     def store_epoch(self, station: str, epoch: int) -> None:
         """Store the epoch under which this instance owns the station. Raises JournalError."""
 
+    def store_takeover(self, station: str, epoch: int) -> None:
+        """Store that all that other instances recorded of the station before this epoch is here.
+
+        Raises JournalError.
+        """
+
     def store_outcome(self, station: str, outcome: Outcome) -> None:
         """Store the outcome of a closed session; one without an outcome is replayed."""
 
@@ -205,6 +228,12 @@ class Journal(Protocol):
 
     def quarantine(self, station: str, session: str, why: str) -> str:
         """Rename a damaged session to free its name; return the new one. Raises JournalError."""
+
+    def retract(self, station: str, session: str, refused: Refused, why: str) -> None:
+        """Set what was refused aside, as if it had never been recorded, and delete the outcome.
+
+        Raises JournalError.
+        """
 
     def delete(self, station: str, session: str) -> None:
         """Delete a session; an unknown one is no error."""

@@ -23,9 +23,12 @@ from caesura_service.journal.journal import (
     Key,
     Outcome,
     Record,
+    Recordable,
+    Refused,
     StoredOutcome,
 )
 from caesura_service.journal.open_sessions import ENDING, ENDING_BYTES
+from caesura_service.journal.overruled import CHANGES
 
 CAPACITY_BYTES = 1 << 29  # nearly an hour and a half of one station at 1 kHz, 13 columns in single precision
 _OVERHEAD_BYTES = 1000  # of a record beside its content
@@ -44,6 +47,7 @@ class MemoryJournal:
         self._sizes: dict[Key, int] = {}  # [bytes]
         self._outcomes: dict[Key, Outcome] = {}
         self._epochs: dict[str, int] = {}  # by station
+        self._takeovers: dict[str, int] = {}  # their epochs, by station
 
     def append(self, record: Record, *, now: bool = False) -> None:
         """Append a record, and make room for it; its own session is never deleted.
@@ -99,6 +103,11 @@ class MemoryJournal:
         messages = (record.message for record in self._records.get((station, session), ()))
         return tuple(message for message in messages if isinstance(message, AppliedEdit))
 
+    def changes(self, station: str, session: str) -> tuple[Recordable, ...]:
+        """Return the edits, descriptions and program edits of a session, oldest first."""
+        messages = (record.message for record in self._records.get((station, session), ()))
+        return tuple(message for message in messages if isinstance(message, CHANGES))
+
     def edit_at(
         self, station: str, session: str, kind: type[Edit] | type[EditProgram], revision: int
     ) -> Edit | EditProgram | None:
@@ -134,6 +143,10 @@ class MemoryJournal:
         """Store the epoch of a station."""
         self._epochs[station] = epoch
 
+    def store_takeover(self, station: str, epoch: int) -> None:
+        """Store the epoch of a completed takeover."""
+        self._takeovers[station] = epoch
+
     def store_outcome(self, station: str, outcome: Outcome) -> None:
         """Store the outcome of a session."""
         self._outcomes[station, outcome.opening.session] = outcome
@@ -154,6 +167,20 @@ class MemoryJournal:
         """Delete a damaged session: a journal in memory keeps none."""
         self.delete(station, session)
         return session
+
+    def retract(self, station: str, session: str, refused: Refused, why: str) -> None:
+        """Delete what was refused: memory keeps none."""
+        key = (station, session)
+        places: dict[bool | None, list[int]] = {}  # of edits, of annotations, and of the close (None)
+        for place, record in enumerate(self._records[key]):
+            if isinstance(record.message, (*CHANGES, Close)):
+                kind = None if isinstance(record.message, Close) else isinstance(record.message, AppliedEdit)
+                places.setdefault(kind, []).append(place)
+        counts = {True: refused.edits, False: refused.described, None: 0 if refused.close else 1}
+        gone = {place for kind, found in places.items() for place in found[counts[kind] :]}
+        self._records[key] = [one for place, one in enumerate(self._records[key]) if place not in gone]
+        self._sizes[key] = sum(map(_size, self._records[key]))
+        self._outcomes.pop(key, None)
 
     def release(self, station: str, session: str) -> None:
         """Delete a released session: a journal in memory keeps only sessions in use."""
@@ -180,7 +207,9 @@ class MemoryJournal:
         closed, size = _is_closed(records), self._sizes[key]
         edits = sum(isinstance(record.message, AppliedEdit) for record in records)
         described = sum(isinstance(record.message, Describe | EditProgram) for record in records)
-        return Copy(*key, opened, touched, closed, max(numbers, default=-1), size, edits, described)
+        owner_epoch = self._takeovers.get(key[0], -1)
+        last_seq = max(numbers, default=-1)
+        return Copy(*key, opened, touched, closed, last_seq, size, edits, described, owner_epoch)
 
 
 def _is_closed(records: list[Record]) -> bool:

@@ -31,9 +31,11 @@ from caesura_service.journal.journal import (
     Outcome,
     PeerJournalError,
     Record,
+    Recordable,
 )
 from caesura_service.journal.rows import (
     Stored,
+    changes_of,
     copies_in,
     edits_of,
     epoch_in,
@@ -46,6 +48,7 @@ from caesura_service.journal.rows import (
 from caesura_service.journal.schema import (
     RAISE_LIMIT,
     SELECT_BEYOND,
+    SELECT_CHANGES,
     SELECT_EDITS,
     SELECT_OUTCOME,
     TOO_MANY_FILES,
@@ -137,6 +140,15 @@ class PeerJournals:
         except (JournalDamagedError, ProtocolError) as error:
             self._warn_once(error)
             return ()
+
+    def changes(self, found: PeerCopy) -> tuple[Recordable, ...]:
+        """Return the edits, descriptions and program edits of a copy, oldest first.
+
+        Raises JournalError, and ProtocolError where one is unreadable.
+        """
+        key = found.copy.key
+        rows = self._query(found.path, lambda kept: kept.execute(SELECT_CHANGES, key).fetchall())
+        return changes_of(key, rows or ())
 
     def records(self, found: PeerCopy, first_seq: int = 0) -> Iterator[Record]:
         """Return a copy's records without batches before `first_seq`, with those appended meanwhile.

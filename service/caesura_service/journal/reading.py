@@ -18,7 +18,7 @@ from caesura_service.journal.checksums import is_intact
 from caesura_service.journal.journal import Journal, JournalDamagedError, JournalError, Key
 from caesura_service.journal.peer_journals import journals_in, open_for_reading
 from caesura_service.journal.rows import SessionRow, Stored, copies_in, verify
-from caesura_service.journal.schema import HAS_OVERVIEWS, SELECT_EXTENT, SELECT_OVERVIEW, SELECT_PAGE
+from caesura_service.journal.schema import HAS_TABLE, SELECT_EXTENT, SELECT_OVERVIEW, SELECT_PAGE
 from caesura_service.journal.sqlite import SqliteJournal
 
 PAGE = 250  # records read at once
@@ -124,7 +124,7 @@ class FileBatches:
         assert isinstance(path, Path)
         assert isinstance(session_id, int)
         with open_for_reading(path) as kept:
-            if not kept.execute(HAS_OVERVIEWS).fetchone():
+            if not kept.execute(HAS_TABLE, ("overviews",)).fetchone():
                 return None
             rows = kept.execute(SELECT_OVERVIEW, (session_id,)).fetchall()
         payloads = [

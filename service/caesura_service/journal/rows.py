@@ -31,11 +31,13 @@ from caesura_service.journal.journal import (
     Recordable,
 )
 from caesura_service.journal.schema import (
+    EPOCHS,
     SELECT_EPOCH,
-    SELECT_INDEXES,
     SELECT_LAST_OPENED,
+    SELECT_NAMES,
     SELECT_PAGE,
     SELECT_STATIONS,
+    TAKEOVERS,
     select_copies,
 )
 
@@ -127,8 +129,12 @@ def record_of(key: Key, row: Stored) -> Record:
 
 def edits_of(key: Key, rows: Iterable[tuple[Any, ...]]) -> tuple[AppliedEdit, ...]:
     """Decode the edits among rows. Raises JournalDamagedError, or ProtocolError where one is unreadable."""
-    messages = (record_of(key, verify(key, Stored(*row))).message for row in rows)
-    return tuple(message for message in messages if isinstance(message, AppliedEdit))
+    return tuple(message for message in changes_of(key, rows) if isinstance(message, AppliedEdit))
+
+
+def changes_of(key: Key, rows: Iterable[tuple[Any, ...]]) -> tuple[Recordable, ...]:
+    """Decode rows of changes. Raises as `edits_of`."""
+    return tuple(record_of(key, verify(key, Stored(*row))).message for row in rows)
 
 
 class SessionRow(NamedTuple):
@@ -194,19 +200,24 @@ def outcome_of(
 def copies_in(database: sqlite3.Connection, *key: str | None) -> tuple[Copy, ...]:
     """Return the extent of every session, of a station's, or of one; oldest first."""
     given = [name for name in key if name is not None]
-    indexes = {name for (name,) in database.execute(SELECT_INDEXES)}
-    rows = database.execute(select_copies(len(given), indexes), given)
-    found = ((last_seq, edits, described, SessionRow(*row)) for last_seq, edits, described, *row in rows)
-    return tuple(
-        Copy(*row[1:5], bool(row.closed), last_seq, row.size, edits, described)
-        for last_seq, edits, described, row in found
-        if row.is_intact
-    )
+    names = {name for (name,) in database.execute(SELECT_NAMES)}
+    rows = database.execute(select_copies(len(given), names), given)
+    table = TAKEOVERS if TAKEOVERS in names else EPOCHS
+    owner_epochs: dict[str, int] = {}  # by station
+    copies = []
+    for last_seq, edits, described, *values in rows:
+        row = SessionRow(*values)
+        if row.station not in owner_epochs:
+            owner_epochs[row.station] = epoch_in(database, row.station, table) if table in names else -1
+        if row.is_intact:
+            extent = bool(row.closed), last_seq, row.size, edits, described
+            copies.append(Copy(*row[1:5], *extent, owner_epochs[row.station]))
+    return tuple(copies)
 
 
-def epoch_in(database: sqlite3.Connection, station: str) -> int:
-    """Return the last epoch of a station in a journal; -1 without one."""
-    row = database.execute(SELECT_EPOCH, (station,)).fetchone()
+def epoch_in(database: sqlite3.Connection, station: str, table: str = EPOCHS) -> int:
+    """Return the last epoch of a station in a journal, or of its last completed takeover; -1 without one."""
+    row = database.execute(SELECT_EPOCH[table], (station,)).fetchone()
     if row is None:
         return -1
     epoch, crc = (*row[1:], None)[:2]

@@ -11,10 +11,13 @@ from caesura_service.journal.journal import JournalDamagedError, JournalError
 from caesura_service.journal.row_writer import write_rows
 from caesura_service.journal.rows import SessionRow, epoch_in, pages_of, stations_in
 from caesura_service.journal.schema import (
+    EPOCHS,
+    HAS_TABLE,
     INSERT_EPOCH,
     INSERT_OUTCOME,
     SELECT_OUTCOME,
     SELECT_ROWS,
+    TAKEOVERS,
     map_sqlite_errors,
     transaction,
 )
@@ -25,15 +28,17 @@ MAX_PLACE = (1 << 63) - 1
 
 
 def copy_intact_sessions(damaged: sqlite3.Connection, path: Path, database: sqlite3.Connection) -> None:
-    """Copy the undamaged sessions of another database, and the epochs of its stations.
+    """Copy the undamaged sessions of another database, and the epochs of its stations and takeovers.
 
     path: of the damaged file. Logs each session that is not copied. Raises JournalError if none can be read.
     """
     with map_sqlite_errors(path):
+        takeovers = TAKEOVERS if damaged.execute(HAS_TABLE, (TAKEOVERS,)).fetchone() else EPOCHS
         for station in stations_in(damaged):
-            if (epoch := epoch_in(damaged, station)) >= 0:
-                with transaction(database):
-                    database.execute(INSERT_EPOCH, (station, epoch, checksum(station, epoch)))
+            for table, source in ((EPOCHS, EPOCHS), (TAKEOVERS, takeovers)):
+                if (epoch := epoch_in(damaged, station, source)) >= 0:
+                    with transaction(database):
+                        database.execute(INSERT_EPOCH[table], (station, epoch, checksum(station, epoch)))
         rows = damaged.execute(SELECT_ROWS).fetchall()
     for row in rows:
         session = SessionRow(*row)

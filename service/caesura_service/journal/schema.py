@@ -90,7 +90,12 @@ CREATE INDEX IF NOT EXISTS descriptions_of_session ON records (session_id) WHERE
 SCHEMA_6 = f"""
 CREATE INDEX IF NOT EXISTS program_edits_of_session ON records (session_id)
 WHERE encoding = '{EDIT_PROGRAM}'"""
-SELECT_INDEXES = "SELECT name FROM sqlite_master WHERE type = 'index'"
+# The last epoch under which this instance completed a takeover of a station: all that other instances had
+# recorded of it was here. A journal without it is taken for one that completed each: so it has no version.
+SCHEMA_TAKEOVERS = """
+CREATE TABLE takeovers (station TEXT PRIMARY KEY, epoch INTEGER NOT NULL, crc INTEGER)"""
+FILL_TAKEOVERS = "INSERT INTO takeovers SELECT station, epoch, crc FROM stations"
+SELECT_NAMES = "SELECT name FROM sqlite_master"
 # Overviews of closed sessions, for plots: a cache, made again where it is missing. So it has no version.
 SCHEMA_OVERVIEWS = """
 CREATE TABLE IF NOT EXISTS overviews (
@@ -160,12 +165,15 @@ WHERE station = ? AND session = ?"""
 _SELECT_ALL = {
     kind: f"""
 SELECT * FROM records WHERE encoding = '{encoding}' AND session_id = (
-    SELECT id FROM sessions WHERE station = ? AND session = ?
-) ORDER BY place"""
-    for kind, encoding in ((Edit, EDIT), (EditProgram, EDIT_PROGRAM))
+    SELECT id FROM sessions WHERE station = ?1 AND session = ?2
+)"""
+    for kind, encoding in ((Edit, EDIT), (EditProgram, EDIT_PROGRAM), (Describe, DESCRIBE))
 }
-SELECT_EDITS = _SELECT_ALL[Edit]
-SELECT_EDIT_AT = {kind: f"{select} LIMIT 1 OFFSET ?" for kind, select in _SELECT_ALL.items()}
+SELECT_EDITS = f"{_SELECT_ALL[Edit]} ORDER BY place"
+SELECT_EDIT_AT = {
+    kind: f"{_SELECT_ALL[kind]} ORDER BY place LIMIT 1 OFFSET ?3" for kind in (Edit, EditProgram)
+}
+SELECT_CHANGES = f"{' UNION ALL '.join(_SELECT_ALL.values())} ORDER BY place"
 SELECT_BEYOND = """
 SELECT * FROM records
 WHERE session_id = (SELECT id FROM sessions WHERE station = :station AND session = :session)
@@ -202,6 +210,27 @@ _WHICH = (
     f"{KNOWN} AND station = ?",
     "station = ? AND session = ?",
 )
+SELECT_REFUSED = f"""
+SELECT * FROM (
+    SELECT place, length(payload) FROM records WHERE session_id = :id AND encoding = '{EDIT}'
+    ORDER BY place LIMIT -1 OFFSET :edits
+) UNION ALL SELECT * FROM (
+    SELECT place, length(payload) FROM records
+    WHERE session_id = :id AND encoding IN ('{DESCRIBE}', '{EDIT_PROGRAM}')
+    ORDER BY place LIMIT -1 OFFSET :described
+) UNION ALL
+SELECT place, length(payload) FROM records WHERE session_id = :id AND encoding = '{CLOSE}' AND :close"""
+INSERT_ASIDE = """
+INSERT INTO sessions (station, session, opened, touched, closed, size, record_count, damage)
+SELECT station, session || '.refused-' || ?, opened, touched, 1, 0, 0, ? FROM sessions WHERE id = ?"""
+MOVE_RECORD = "UPDATE records SET session_id = ? WHERE place = ?"
+COUNT_MOVED = """
+UPDATE sessions SET size = size + :size, record_count = record_count + :count, closed = closed AND :closed,
+    crc = checksum(
+        id, station, session, opened, touched, closed AND :closed, size + :size, record_count + :count
+    )
+WHERE id = :id"""
+DELETE_RESULTS = [f"DELETE FROM {table} WHERE session_id = ?" for table in ("outcomes", "overviews")]
 SET_ASIDE = """
 UPDATE sessions SET session = session || '.damaged-' || id, damage = ?, closed = 1,
     crc = checksum(
@@ -212,9 +241,13 @@ INSERT_OVERVIEW = """
 INSERT OR REPLACE INTO overviews (session_id, part, parts, payload, crc)
 SELECT id, ?, ?, ?, ? FROM sessions WHERE id = ? AND station = ? AND session = ?"""
 SELECT_OVERVIEW = "SELECT part, parts, payload, crc FROM overviews WHERE session_id = ? ORDER BY part"
-HAS_OVERVIEWS = "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'overviews'"
-SELECT_EPOCH = "SELECT * FROM stations WHERE station = ?"
-INSERT_EPOCH = "INSERT OR REPLACE INTO stations (station, epoch, crc) VALUES (?, ?, ?)"
+HAS_TABLE = "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = ?"
+EPOCHS, TAKEOVERS = "stations", "takeovers"  # the tables with an epoch of each station
+SELECT_EPOCH = {table: f"SELECT * FROM {table} WHERE station = ?" for table in (EPOCHS, TAKEOVERS)}
+INSERT_EPOCH = {
+    table: f"INSERT OR REPLACE INTO {table} (station, epoch, crc) VALUES (?, ?, ?)"
+    for table in (EPOCHS, TAKEOVERS)
+}
 
 
 def select_copies(names: int, indexes: Collection[str]) -> str:
@@ -468,6 +501,9 @@ def _complete(database: sqlite3.Connection, path: Path) -> None:
     for table, column, kind in COLUMNS_4:
         if not database.execute(HAS_COLUMN, (table, column)).fetchone():
             database.execute(f"ALTER TABLE {table} ADD COLUMN {column} {kind}")
+    if not database.execute(HAS_TABLE, (TAKEOVERS,)).fetchone():
+        database.execute(SCHEMA_TAKEOVERS)
+        database.execute(FILL_TAKEOVERS)
     for table, count in COLUMN_COUNTS.items():
         (found,) = database.execute("SELECT count(*) FROM pragma_table_info(?)", (table,)).fetchone()
         if found != count:

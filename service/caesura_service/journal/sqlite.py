@@ -37,6 +37,8 @@ from caesura_service.journal.journal import (
     Key,
     Outcome,
     Record,
+    Recordable,
+    Refused,
     StoredOutcome,
 )
 from caesura_service.journal.peer_journals import open_for_reading
@@ -48,9 +50,11 @@ from caesura_service.journal.retention import (
     expiry,
     open_part,
 )
+from caesura_service.journal.retraction import retract
 from caesura_service.journal.rows import (
     SessionRow,
     Stored,
+    changes_of,
     copies_in,
     edits_of,
     epoch_in,
@@ -63,6 +67,7 @@ from caesura_service.journal.salvage import copy_intact_sessions
 from caesura_service.journal.schema import (
     BUSY_S,
     GUEST_BUSY_S,
+    SELECT_CHANGES,
     SELECT_CLOSED,
     SELECT_DAYS,
     SELECT_EDIT_AT,
@@ -165,6 +170,16 @@ class SqliteJournal(SqliteWriter):
             rows = self._database.execute(SELECT_EDITS, (station, session)).fetchall()
             return edits_of((station, session), rows)
 
+    def changes(self, station: str, session: str) -> tuple[Recordable, ...]:
+        """Return the edits, descriptions and program edits of a session, oldest first.
+
+        Raises JournalError, and ProtocolError where one is unreadable.
+        """
+        self.commit()
+        with self._writing, map_sqlite_errors(self.path):
+            rows = self._database.execute(SELECT_CHANGES, (station, session)).fetchall()
+            return changes_of((station, session), rows)
+
     def edit_at(
         self, station: str, session: str, kind: type[Edit] | type[EditProgram], revision: int
     ) -> Edit | EditProgram | None:
@@ -260,6 +275,17 @@ class SqliteJournal(SqliteWriter):
             self._open_sessions.close(row.key)
         logger.error("journal %s: %s; the session is set aside as %s/%s", self.path, why, row.station, aside)
         return str(aside)
+
+    def retract(self, station: str, session: str, refused: Refused, why: str) -> None:
+        """Move what was refused to a session that is set aside. Raises JournalError."""
+        self.commit()
+        key = (station, session)
+        with self._writing, map_sqlite_errors(self.path):
+            with transaction(self._database):
+                aside = retract(self._database, key, refused, why)
+            with self._guard:
+                self._outcomes.pop(key, None)
+        logger.warning("journal %s: %s; it is set aside as %s/%s", self.path, why, station, aside)
 
     def delete(self, station: str, session: str) -> None:
         """Delete a session; most of its records are deleted later, in portions.

@@ -42,10 +42,12 @@ from caesura_service.journal.rows import (
 )
 from caesura_service.journal.schema import (
     CLOSE,
+    EPOCHS,
     INSERT_EPOCH,
     INSERT_OUTCOME,
     INSERT_OVERVIEW,
     REMEDIES,
+    TAKEOVERS,
     again,
     free_bytes,
     map_sqlite_errors,
@@ -122,8 +124,15 @@ class SqliteWriter:
 
     def store_epoch(self, station: str, epoch: int) -> None:
         """Store the epoch of a station. Raises JournalError."""
+        self._store_epoch(EPOCHS, station, epoch)
+
+    def store_takeover(self, station: str, epoch: int) -> None:
+        """Store the epoch of a completed takeover. Raises JournalError."""
+        self._store_epoch(TAKEOVERS, station, epoch)
+
+    def _store_epoch(self, table: str, station: str, epoch: int) -> None:
         with self._writing, map_sqlite_errors(self.path), transaction(self._database):
-            self._database.execute(INSERT_EPOCH, (station, epoch, checksum(station, epoch)))
+            self._database.execute(INSERT_EPOCH[table], (station, epoch, checksum(station, epoch)))
 
     def store_outcome(self, station: str, outcome: Outcome) -> None:
         """Queue an outcome, which the journal's thread writes: the results of an hour have megabytes.

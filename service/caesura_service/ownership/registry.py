@@ -158,14 +158,23 @@ class Registry:
         known = self._journals.copies_of_station(station)
         return {name: known[name] for name in self._to_hold(known)}
 
+    def _retract_refused(self, station: str) -> None:
+        """Set aside what was refused and yet recorded; hold no session with it. Raises JournalError."""
+        for name, copies in self._journals.copies_of_station(station).items():
+            if copies.refused is not None:
+                why = f"{station}/{name} has what was refused: the station's last owner has something else"
+                self._held.remove(station, name)
+                self._journal.retract(station, name, copies.refused, why)
+
     def _take_over(self, station: str, now: float) -> Generator[list[Output], None, None]:
         self.ownership.begin_takeover(station)
-        self.ownership.begin_catching_up(station)
         self._rebuilder.cancel(station)
-        held = self._held.of(station)
+        shown = self._held.of(station)
         try:
+            self.ownership.begin_catching_up(station)
             owner = self.ownership.acquire(station, now)
-            wanted = self._wanted(station)  # of now: from here on the last owner acknowledges nothing
+            self._retract_refused(station)  # from here on the last owner acknowledges nothing
+            held, wanted = self._held.of(station), self._wanted(station)
             taken = {name: session for name, session in held.items() if name not in wanted}
             for name, copies in wanted.items():
                 session = yield from self._takeover.take_over_session(copies, held.get(name), owner)
@@ -181,7 +190,7 @@ class Registry:
         outputs: list[Output] = []
         for name, session in taken.items():
             session.set_owner(owner)
-            if session.is_open or name in held:  # its readers learn the new owner
+            if session.is_open or name in shown:  # its readers learn the new owner
                 outputs.append(Publish(status_of(session.state)))
         opened = sum(session.is_open for session in taken.values())
         yield [StationTakenOver(station, owner.epoch, len(taken), opened), *outputs]
@@ -533,7 +542,7 @@ class Registry:
 
 
 def _is_missing_or_behind(session: Session | None, copies: SessionCopies) -> bool:
-    return session is None or is_behind(session, copies)
+    return session is None or copies.refused is not None or is_behind(session, copies)
 
 
 def _needs_rebuilding(command: Command, session: Session) -> bool:

@@ -5,14 +5,30 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from caesura_service.journal import AppliedEdit, Copy, Journal, Outcome, PeerCopy, PeerJournals, Record
+from caesura_protocol.errors import ProtocolError
+from caesura_service.journal import (
+    AppliedEdit,
+    Changes,
+    Copy,
+    Journal,
+    JournalDamagedError,
+    Outcome,
+    PeerCopy,
+    PeerJournals,
+    Record,
+    Refused,
+    last_owned,
+    refused_in,
+)
 
 
 class SessionCopies(NamedTuple):
-    """The own copy of a session and the peer copy with the most records; at least one of the two."""
+    """The valid copies of a session: the own one and the longest peer one; at least one of the two."""
 
     own: Copy | None
     peer: PeerCopy | None  # the furthest one among the peer journals
+    refused: Refused | None = None  # what the own copy has that was refused: until that is gone, it is None
+    batches: PeerCopy | None = None  # the furthest peer copy of which a change was refused: its batches count
 
     @property
     def best(self) -> Copy:
@@ -22,6 +38,16 @@ class SessionCopies(NamedTuple):
     @property
     def _all(self) -> list[Copy]:
         return [copy for copy in (self.own, self.peer and self.peer.copy) if copy]
+
+    @property
+    def edits(self) -> int:
+        """The number of edits in either copy."""
+        return max(copy.edits for copy in self._all)
+
+    @property
+    def described(self) -> int:
+        """The number of changes of the description and edits of the program in either copy."""
+        return max(copy.described for copy in self._all)
 
     @property
     def opened(self) -> float:
@@ -47,15 +73,36 @@ class JournalSet:
 
     def copies_of_station(self, station: str, session: str | None = None) -> Mapping[str, SessionCopies]:
         """Return the copies of a station's sessions, or of one, in the order of their opening."""
-        known = {copy.session: SessionCopies(copy, None) for copy in self._own.copies(station, session)}
-        peers = self._peers.copies(station, session)
-        for found in peers:
-            own, furthest = known.get(found.copy.session, SessionCopies(None, None))
-            if furthest is None or found.copy.progress > furthest.copy.progress:
-                known[found.copy.session] = SessionCopies(own, found)
+        own = {copy.session: copy for copy in self._own.copies(station, session)}
+        peers: dict[str, list[PeerCopy]] = {}
+        for found in self._peers.copies(station, session):
+            peers.setdefault(found.copy.session, []).append(found)
+        known = {name: self._that_count(own.get(name), peers.get(name, ())) for name in {**own, **peers}}
         if not peers:
             return known  # in order, whatever the clock did
         return dict(sorted(known.items(), key=lambda item: item[1].opened))
+
+    def _that_count(self, own: Copy | None, peers: Sequence[PeerCopy]) -> SessionCopies:
+        copies: list[Copy | PeerCopy] = [*peers] if own is None else [own, *peers]
+        last = last_owned(copies, _extent)
+        counting: list[PeerCopy] = []
+        others: list[PeerCopy] = []
+        for peer in peers:
+            (others if self._refused_in(peer, last) else counting).append(peer)
+        refused = self._refused_in(own, last) if own else None
+        return SessionCopies(None if refused else own, _furthest(counting), refused, _furthest(others))
+
+    def _refused_in(self, one: Copy | PeerCopy, last: Copy | PeerCopy) -> Refused | None:
+        return refused_in(_extent(one), _extent(last), lambda: (self._changes(one), self._changes(last)))
+
+    def _changes(self, copy: Copy | PeerCopy) -> Changes | None:
+        """Return the changes of a copy; None where one is damaged. Raises JournalError."""
+        try:
+            if isinstance(copy, PeerCopy):
+                return Changes.of(self._peers.changes(copy))
+            return Changes.of(self._own.changes(*copy.key))
+        except (JournalDamagedError, ProtocolError):  # which the replay of the session reports
+            return None
 
     def epoch_of(self, station: str) -> int:
         """Return the highest epoch under which any instance owned the station; -1 if none did."""
@@ -100,3 +147,11 @@ class JournalSet:
         Raises PeerJournalError while iterating.
         """
         return self._peers.records(found, first_seq)
+
+
+def _extent(copy: Copy | PeerCopy) -> Copy:
+    return copy.copy if isinstance(copy, PeerCopy) else copy
+
+
+def _furthest(copies: Sequence[PeerCopy]) -> PeerCopy | None:
+    return max(copies, key=lambda found: found.copy.progress, default=None)

@@ -30,6 +30,7 @@ class StationOwnership:
         self._taking_over: set[str] = set()
         self._behind: dict[str, str] = {}  # stations of which records are missing here, and why
         self._unstored: set[str] = set()  # stations whose epoch is not in the journal
+        self._unmarked: set[str] = set()  # stations whose last completed takeover is not in the journal
         self.is_unlinked = False  # from the loss of the own link until the stations are assigned again
         self.is_settling = False  # from the start or a change of instances until all has been taken over
         self.superseded: set[str] = set()  # stations to take over again: another instance has served them
@@ -45,15 +46,23 @@ class StationOwnership:
         owner = Owner(self._instance.instance, max(int(now * 1000), last + 1))
         self._owners[station] = owner
         self._unstored.add(station)
+        self._unmarked.discard(station)
         with suppress(JournalError):  # which the journal has logged already
-            self._store_epoch(station)
+            self._store_epochs(station)
         return owner
 
-    def _store_epoch(self, station: str) -> None:
-        """Store the epoch if an earlier attempt failed. Raises JournalError."""
-        if station in self._unstored:
-            self._own.store_epoch(station, self._owners[station].epoch)
-            self._unstored.discard(station)
+    def _store_epochs(self, station: str) -> None:
+        """Store the station's epoch, and that of its last takeover, if an earlier attempt failed.
+
+        Raises JournalError.
+        """
+        for unstored, store in (
+            (self._unstored, self._own.store_epoch),
+            (self._unmarked, self._own.store_takeover),
+        ):
+            if station in unstored:
+                store(station, self._owners[station].epoch)
+                unstored.discard(station)
 
     def is_superseded(self, station: str) -> bool:
         """Return whether another instance has acquired the station since this one did.
@@ -72,7 +81,7 @@ class StationOwnership:
         count as much as those of the owner. A journal that cannot be read is ignored. Raises JournalError if
         the own epoch, which the other instance must find, cannot be stored.
         """
-        self._store_epoch(station)
+        self._store_epochs(station)
         if self._superseded_among({station}):
             self.superseded.add(station)
             raise JournalSupersededError("another instance has served the station meanwhile: try again")
@@ -83,6 +92,7 @@ class StationOwnership:
         self.superseded.discard(station)
         self._taking_over.discard(station)
         self._unstored.discard(station)
+        self._unmarked.discard(station)
         self._behind.pop(station, None)
 
     def fall_behind(self, station: str, why: str) -> None:
@@ -95,8 +105,14 @@ class StationOwnership:
         return station in self._behind
 
     def catch_up(self, station: str) -> None:
-        """Record that this instance has all records of the station by other instances."""
+        """Record that this instance has all records of the station by other instances.
+
+        From now on its own records count where those of an earlier owner differ.
+        """
         self._behind.pop(station, None)
+        self._unmarked.add(station)
+        with suppress(JournalError):  # it is stored before anything is recorded
+            self._store_epochs(station)
 
     def may_be_behind(self, stations: Set[str]) -> Set[str]:
         """Return the stations that another instance may have served since; any thread may call it.

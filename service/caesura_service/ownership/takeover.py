@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from functools import partial
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Open
+from caesura_protocol.messages import Error, Open, SampleBatch
 from caesura_service.journal import (
     Copy,
     Journal,
@@ -23,6 +23,7 @@ from caesura_service.journal import (
     JournalShareError,
     Key,
     Outcome,
+    Record,
 )
 from caesura_service.ownership.session_copies import JournalSet, SessionCopies
 from caesura_service.publishing.events import Output, Owner, PipelineFactory, TakeoverFailed
@@ -111,7 +112,7 @@ class Takeover:
             if ended is not None:
                 return ended
         if held is not None and not (behind and not held.has_pipeline):
-            return (yield from self._apply_peer(held, copies)) if behind else held
+            return (yield from self._apply_peers(held, copies)) if behind else held
         return (yield from self.rebuild(copies, owner))
 
     def rebuild(self, copies: SessionCopies, owner: Owner) -> Steps:
@@ -121,7 +122,7 @@ class Takeover:
         """
         session = yield from self._replay_or_open(copies, owner)
         if session is not None and is_behind(session, copies):
-            return (yield from self._apply_peer(session, copies))
+            return (yield from self._apply_peers(session, copies))
         return session
 
     def vanished_sessions(self) -> list[Key]:
@@ -146,7 +147,7 @@ class Takeover:
         """
         station, name = copies.best.key
         outcome = self._journals.outcome(copies)
-        if outcome is None or not is_current(outcome, copies.best):
+        if outcome is None or not is_current(outcome, copies):
             return None
         if copies.best is not copies.own:
             self._peer_only.add((station, name))
@@ -205,19 +206,24 @@ class Takeover:
             session.begin(first.at)
         return session
 
-    def _apply_peer(self, session: Session, copies: SessionCopies) -> Steps:
-        """Bring a session up to a peer's copy.
+    def _apply_peers(self, session: Session, copies: SessionCopies) -> Steps:
+        """Bring a session up to the peers' copies.
 
         Return None if the station's share of the journal is too small for that. An incomplete session would
         lack acknowledged records, and a new correction would get the number of a missing one. Raises
         NotRecordedError.
         """
-        assert copies.peer is not None
-        records = self._journals.peer_records(copies.peer, session.next_seq)
         try:
             with _recording(copies):
-                for _ in session.apply_peer_records(records, self._journals.peer_edits(copies.peer)):
-                    yield []
+                if copies.peer is not None:
+                    records = self._journals.peer_records(copies.peer, session.next_seq)
+                    edits = self._journals.peer_edits(copies.peer)
+                    for _ in session.apply_peer_records(records, edits):
+                        yield []
+                if copies.batches is not None:
+                    records = self._journals.peer_records(copies.batches, session.next_seq)
+                    for _ in session.apply_peer_records(filter(_is_of_bridge, records)):
+                        yield []
         except NotRecordedError:
             raise
         except Exception as error:
@@ -228,6 +234,9 @@ class Takeover:
 
 def is_behind(session: Session, copies: SessionCopies) -> bool:
     """Return whether a peer's copy has more records than the session in memory."""
+    others = copies.batches
+    if others is not None and session.is_open and others.copy.last_seq >= session.next_seq:
+        return True
     if copies.peer is None:
         return False
     peer = copies.peer.copy
@@ -236,13 +245,18 @@ def is_behind(session: Session, copies: SessionCopies) -> bool:
     return (session.is_open and further) or peer.edits > session.revision or described
 
 
-def is_current(outcome: Outcome, copy: Copy) -> bool:
-    """Return whether an outcome contains all corrections and annotations of a copy.
+def is_current(outcome: Outcome, copies: Copy | SessionCopies) -> bool:
+    """Return whether an outcome contains all corrections and annotations of the copies.
 
     After a power failure a later one may be recorded and not yet be in the outcome.
     """
     status, program = outcome.snapshot.status, outcome.snapshot.program
-    return (status.revision, status.described + program.edit_revision) == (copy.edits, copy.described)
+    return (status.revision, status.described + program.edit_revision) == (copies.edits, copies.described)
+
+
+def _is_of_bridge(record: Record) -> bool:
+    """Whether a record is of a bridge's batches and openings: of a copy of which the changes do not count."""
+    return isinstance(record.message, Open | SampleBatch | Error)
 
 
 @contextmanager

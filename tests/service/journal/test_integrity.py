@@ -213,6 +213,20 @@ def test_of_a_torn_file_the_sessions_that_are_whole_are_kept(written, tmp_path, 
     assert all(any(f"{'/'.join(key)} is not kept" in line for line in said) for key in lost)
 
 
+def test_of_a_torn_file_the_epochs_of_its_stations_are_kept(written, tmp_path):
+    path = Path(shutil.copy(written, tmp_path))
+    with SqliteJournal(path, NEVER) as journal:
+        journal.store_epoch(OTHER, 8)
+        journal.store_takeover(OTHER, 7)
+    content = bytearray(path.read_bytes())
+    page = content.rfind(b"caesura.SampleBatch") // 4096 * 4096
+    content[page : page + 4096] = b"\xff" * 4096
+    path.write_bytes(content)
+    with SqliteJournal(path, NEVER) as journal:
+        (copy,) = journal.copies(OTHER)
+        assert (journal.epoch_of(OTHER), copy.owner_epoch) == (8, 7)
+
+
 def without_checksums(path: Path) -> None:
     """As version 3 wrote it."""
     with closing(sqlite3.connect(path)) as database:

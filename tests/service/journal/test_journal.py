@@ -7,7 +7,16 @@ from contextlib import nullcontext
 
 import pytest
 
-from caesura_protocol.messages import Edit, Error, Insert, Undo
+from caesura_protocol.messages import (
+    Describe,
+    Description,
+    Edit,
+    EditProgram,
+    Error,
+    Insert,
+    NameProgram,
+    Undo,
+)
 from caesura_service.journal import (
     AppliedEdit,
     Journal,
@@ -16,6 +25,7 @@ from caesura_service.journal import (
     MemoryJournal,
     Outcome,
     Record,
+    Refused,
     Resolution,
     SqliteJournal,
 )
@@ -283,3 +293,53 @@ def test_the_epoch_of_a_station_is_remembered(journal):
         journal.store_epoch("cell-1", epoch)
     assert journal.epoch_of("cell-1") == 9
     assert journal.epoch_of("cell-2") == -1
+
+
+def test_copies_state_the_last_completed_takeover_of_their_station(journal):
+    journal.append(Record("cell-1", "s1", 1.0, opening("s1")))
+    journal.append(Record("cell-2", "s1", 1.0, opening("s1")))
+    journal.store_epoch("cell-1", 9)
+    assert [copy.owner_epoch for copy in journal.copies()] == [-1, -1]
+    for epoch in (7, 9):
+        journal.store_takeover("cell-1", epoch)
+    assert [copy.owner_epoch for copy in journal.copies()] == [9, -1]
+
+
+def changed(journal: Journal) -> list[object]:
+    """A closed session with two changes of each kind."""
+    ann = {"session": "s1", "author": "Ann"}
+    tasks = [Description(), Description(task="wipe"), Description(task="polish")]
+    messages = [
+        AppliedEdit(**ann, revision=0, action=Insert(t=1.0)),
+        Describe(**ann, before=tasks[0], description=tasks[1]),
+        EditProgram(**ann, revision=0, action=NameProgram(name="one")),
+        AppliedEdit(**ann, revision=1, action=Insert(t=2.0)),
+        Describe(**ann, before=tasks[1], description=tasks[2]),
+    ]
+    for message in (opening("s1"), batch(0, "s1"), *messages[:2], closing(0, "s1"), *messages[2:]):
+        journal.append(Record("cell-1", "s1", 1.0, message))
+    return messages
+
+
+def test_changes_come_back_in_their_order(journal):
+    made = changed(journal)
+    found = journal.changes("cell-1", "s1")
+    assert [(type(one).type_name(), one.author) for one in found] == [
+        (type(one).type_name(), one.author) for one in made
+    ]
+    assert journal.changes("cell-1", "s2") == ()
+
+
+@pytest.mark.parametrize("close", [False, True])
+def test_what_was_refused_is_gone_as_if_it_had_never_been_recorded(journal, close):
+    made = changed(journal)
+    (before,) = journal.copies()
+    journal.retract("cell-1", "s1", Refused(edits=1, described=2, close=close), "refused")
+    assert len(journal.changes("cell-1", "s1")) == len(made) - 2
+    (copy,) = journal.copies()
+    assert (copy.edits, copy.described, copy.closed, copy.last_seq) == (1, 2, not close, 0)
+    assert copy.size < before.size
+    assert len([*journal.replay("cell-1", "s1")]) == 2 + 3 + (not close)
+    assert journal.sessions() == (("cell-1", "s1"),)
+    journal.append(record("s1", 1))
+    assert len([*journal.replay("cell-1", "s1")]) == 3 + 3 + (not close)

@@ -60,7 +60,7 @@ logger = logging.getLogger(__name__)
 
 SUFFIX = ".sqlite"
 WARNED = 256  # errors that are remembered
-BUSY_S = 0.5  # for an owner that is just starting
+BUSY_S = 0.5  # for an owner that is just starting; a journal that stays locked is waited for once
 UNREADABLE_S = 30.0  # that stations wait for a journal that cannot be read; a bridge keeps its samples longer
 IN_ITS_CONTENT = (JournalDamagedError, JournalEmptyError, JournalForeignError)  # errors that stay
 T = TypeVar("T")
@@ -174,7 +174,7 @@ class PeerJournals:
 
     def _query(self, path: Path, question: Callable[[sqlite3.Connection], T]) -> T | None:
         try:
-            with open_for_reading(path) as kept:
+            with open_for_reading(path, 0.0 if path in self._unreadable else BUSY_S) as kept:
                 answer = question(kept)
         except JournalError as error:
             self._pass_over(path, error)
@@ -233,13 +233,16 @@ def _is_gone(path: Path) -> bool:
 
 
 @contextmanager
-def open_for_reading(path: Path) -> Iterator[sqlite3.Connection]:
-    """Open an existing journal for reading. Raises JournalError."""
+def open_for_reading(path: Path, busy_s: float = BUSY_S) -> Iterator[sqlite3.Connection]:
+    """Open an existing journal for reading. Raises JournalError.
+
+    busy_s: how long it waits for another process that has locked it.
+    """
     with map_sqlite_errors(path):
         where = (
             f"file:{quote(str(path))}?mode=rw"  # a reader shares the log with the writer, if only to read it
         )
-        kept = sqlite3.connect(where, uri=True, timeout=BUSY_S, isolation_level=None, check_same_thread=False)
+        kept = sqlite3.connect(where, uri=True, timeout=busy_s, isolation_level=None, check_same_thread=False)
         with closing(kept):
             check(kept, path)
             kept.execute("PRAGMA query_only = ON")

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from caesura_protocol.messages import Ack, Insert
-from caesura_service.journal import peer_journals
-from caesura_service.journal.peer_journals import UNREADABLE_S
+from caesura_service.journal import PeerJournalError, peer_journals
+from caesura_service.journal.peer_journals import BUSY_S, UNREADABLE_S
 from caesura_service.publishing.events import SessionDeleted
 from caesura_service.server.station_manager import StationManager
 from harness.sessions import NAME, STATION
@@ -89,7 +89,7 @@ def started(instance: Instance) -> None:
         manager.step()
 
 
-@pytest.mark.parametrize("looks", range(4))
+@pytest.mark.parametrize("looks", range(5))
 def test_a_correction_that_cannot_be_read_is_not_replaced_by_the_next_one(pair, looks):
     """The station was served without it, and the next correction was acknowledged in its place."""
     a, b = pair
@@ -110,6 +110,40 @@ def test_a_journal_that_another_program_has_locked_is_waited_for(pair):
         assert refused(corrected(b, 0, Insert(t=0.155))).code == "overloaded"
     started(b)
     assert (b.standing.revision, b.next_seq) == (1, 9)
+
+
+def test_a_journal_that_stays_locked_delays_one_look_alone(pair, monkeypatch):
+    """Each look at the epochs waited half a second, and each command looks twice."""
+    a, b = pair
+    b.take()
+    a.journal.__exit__(None, None, None)
+    connect, waits = sqlite3.connect, []
+
+    def connecting(where: str, *, timeout: float, **options: Any) -> sqlite3.Connection:
+        waits.append(timeout)
+        return connect(where, timeout=0.0, **options)
+
+    with locked(a.path):
+        monkeypatch.setattr(peer_journals.sqlite3, "connect", connecting)
+        assert isinstance(corrected(b, 1), Ack)
+        assert isinstance(corrected(b, 2, Insert(t=0.155)), Ack)
+    assert waits == [BUSY_S, 0.0, 0.0, 0.0]
+    assert isinstance(corrected(b, 3, Insert(t=1.155)), Ack)
+    assert waits[4:] == [0.0, BUSY_S]
+
+
+def test_an_owner_that_cannot_read_whether_it_was_replaced_accepts_nothing(pair):
+    """It accepted a correction in the place of one that its successor had acknowledged."""
+    a, b = pair
+    b.take()
+    a.take()
+    assert isinstance(corrected(a, 1, Insert(t=0.155)), Ack)
+    with refused_by_system(a.path):
+        with pytest.raises(PeerJournalError):
+            b.take()
+        assert refused(corrected(b, 1, Insert(t=1.155))).code == "overloaded"
+    b.take()
+    assert compared(b.standing) == compared(a.standing)
 
 
 def test_one_that_stays_unreadable_does_not_keep_a_station_from_being_served(pair, monkeypatch):

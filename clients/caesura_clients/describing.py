@@ -13,7 +13,16 @@ from caesura_clients.editing import send
 from caesura_protocol.codec import decode, encode
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError, Unreachable
 from caesura_protocol.keys import station_key
-from caesura_protocol.messages import Ack, BridgeAck, BridgeControl, Describe, Description, Start, Stop
+from caesura_protocol.messages import (
+    Ack,
+    BridgeAck,
+    BridgeControl,
+    Describe,
+    Description,
+    SessionStatus,
+    Start,
+    Stop,
+)
 from caesura_protocol.transport.network import Transport
 from caesura_protocol.validation_words import first_finding
 
@@ -69,12 +78,31 @@ def close_left_open(
     if success is not None and len(left) > 1:
         names = ", ".join(status.session for status in left)
         raise CaesuraError(f"{station} has several open sessions: name the one that is meant, of {names}")
-    if station in query.stations(transport):  # at the last moment: it may just have come back
-        raise CaesuraError(f"a bridge is connected at {station}, which stops its own session")
-    acks = [ControlClient(transport, station).close_left_open(one, success=success) for one in left]
+    acks = [_close_left_open(transport, station, one, success) for one in left]
     if None in acks:
         raise Unreachable(f"the service has not answered: {station} may have an open session still")
     return [ack for ack in acks if ack is not None]
+
+
+def _close_left_open(
+    transport: Transport, station: str, status: SessionStatus, success: bool | None
+) -> Ack | None:
+    """Close a session, once more where the service has other batches than its status counts."""
+    client = ControlClient(transport, station)
+    _check_no_bridge(transport, station)
+    try:
+        return client.close_left_open(status, success=success)
+    except ProtocolError as refusal:
+        if not isinstance(refusal.expected, int):
+            raise
+        _check_no_bridge(transport, station)  # whose batches these are
+        return client.close_left_open(status, last_seq=refusal.expected, success=success)
+
+
+def _check_no_bridge(transport: Transport, station: str) -> None:
+    """Check at the last moment that none has come back. Raises CaesuraError."""
+    if station in query.stations(transport):
+        raise CaesuraError(f"a bridge is connected at {station}, which stops its own session")
 
 
 def describe(transport: Transport, station: str, session: str, *, author: str, **changes: Any) -> Ack:

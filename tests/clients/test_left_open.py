@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from caesura_clients import describing, query
-from caesura_protocol.errors import CaesuraError
+from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import Ack
 from caesura_protocol.transport.memory import MemoryNetwork, MemoryTransport
 
@@ -53,3 +53,43 @@ def test_whether_it_succeeded_is_said_of_one_demonstration(closed):
         describing.close_left_open(transport, STATION, success=True)
     assert closed == []
     assert len(describing.close_left_open(transport, STATION)) == 2
+
+
+@pytest.fixture
+def refused(monkeypatch):
+    """A session of which the service has one batch more than its status counts; the closes that come."""
+    asked: list[int] = []
+
+    def ask(_client, close):
+        asked.append(close.last_seq)
+        if close.last_seq != 5:
+            raise ProtocolError("conflict", "the session has other batches than that", expected=5)
+        return Ack(session=close.session, next_seq=6, state="closed", revision=0)
+
+    left = [SimpleNamespace(status=SimpleNamespace(session="s1", state="open", batches=5, lost=0))]
+    monkeypatch.setattr(query, "snapshots", lambda *_asked, **_how: left)
+    monkeypatch.setattr(query, "stations", lambda _transport: [])
+    monkeypatch.setattr(describing.ControlClient, "ask", ask)
+    return asked
+
+
+def test_a_session_whose_status_was_behind_is_closed_behind_its_last_batch(refused):
+    describing.close_left_open(MemoryTransport(MemoryNetwork()), STATION)
+    assert refused == [4, 5]
+
+
+def test_a_bridge_that_comes_back_while_its_session_is_closed_keeps_it(refused, monkeypatch):
+    """Its first batches refused the close, which was then repeated behind them."""
+    monkeypatch.setattr(query, "stations", lambda _transport: [STATION] if refused else [])
+    with pytest.raises(CaesuraError, match="a bridge is connected"):
+        describing.close_left_open(MemoryTransport(MemoryNetwork()), STATION)
+    assert refused == [4]
+
+
+def test_a_bridge_in_standby_closes_no_session_to_which_another_one_sends(refused):
+    """It looks again two seconds later."""
+    (left,) = query.snapshots()
+    client = describing.ControlClient(MemoryTransport(MemoryNetwork()), STATION)
+    with pytest.raises(ProtocolError, match="other batches"):
+        client.close_left_open(left.status)
+    assert refused == [4]

@@ -7,7 +7,7 @@ the service expects, so a repeated command also shows how far the service has co
 from __future__ import annotations
 
 from caesura_protocol.codec import decode, encode
-from caesura_protocol.errors import ErrorCode, ProtocolError
+from caesura_protocol.errors import ErrorCode
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Ack, Close, Control, Open, SessionStatus
 from caesura_protocol.transport.network import QUERY_TIMEOUT_S, Transport
@@ -37,12 +37,14 @@ class ControlClient:
             raise refusals[0]
         return None
 
-    def close_left_open(self, status: SessionStatus, *, success: bool | None = None) -> Ack | None:
-        """Close a session whose bridge is gone, after the service's last batch. Raises as `ask`."""
-        close = Close(session=status.session, last_seq=status.batches + status.lost - 1, success=success)
-        try:
-            return self.ask(close)
-        except ProtocolError as refusal:
-            if not isinstance(refusal.expected, int):
-                raise
-            return self.ask(close.model_copy(update={"last_seq": refusal.expected}))
+    def close_left_open(
+        self, status: SessionStatus, *, last_seq: int | None = None, success: bool | None = None
+    ) -> Ack | None:
+        """Close a session whose bridge is gone, after the service's last batch.
+
+        last_seq: of that batch; by default as its status counts. Raises as `ask`: a refusal whose `expected`
+        is another number means that a bridge sends batches, or has just done so.
+        """
+        if last_seq is None:
+            last_seq = status.batches + status.lost - 1
+        return self.ask(Close(session=status.session, last_seq=last_seq, success=success))

@@ -305,12 +305,20 @@ class Standby:
         with suppress(CaesuraError, ProtocolError):
             if not query.services(self._transport):
                 return
-            control = ControlClient(self._transport, self.station)
-            for one in query.snapshots(self._transport, self.station, complete=True):
-                if one.status.state == "open" and self._is_left_open(one.status):
-                    control.close_left_open(one.status)
-            self._tidied = True
-            self._abandoned.clear()
+            found = query.snapshots(self._transport, self.station, complete=True)
+            left = [one.status for one in found if one.status.state == "open"]
+            refused = [one for one in left if self._is_left_open(one) and not self._close_left_open(one)]
+            if not refused:
+                self._tidied = True
+                self._abandoned.clear()
+
+    def _close_left_open(self, status: SessionStatus) -> bool:
+        """Close a session; return False where it is refused, as while another bridge still sends it."""
+        try:
+            ControlClient(self._transport, self.station).close_left_open(status)
+        except ProtocolError:
+            return False
+        return True
 
     def _is_left_open(self, status: SessionStatus) -> bool:
         """Whether the session's bridge is gone: it failed in this process, or ended before this one began."""

@@ -23,7 +23,7 @@ def retract(database: sqlite3.Connection, key: Key, refused: Refused, why: str) 
     """
     session = SessionRow(*database.execute(SELECT_EXTENT, key).fetchone()[:-1])
     moved = database.execute(SELECT_REFUSED, {"id": session.id, **refused._asdict()}).fetchall()
-    first = min(place for place, _ in moved)
+    first = min((place for place, _ in moved), default=0)
     aside = database.execute(INSERT_ASIDE, (first, why, session.id)).lastrowid
     database.executemany(MOVE_RECORD, [(aside, place) for place, _ in moved])
     size, closed = sum(size + ROW_BYTES for _, size in moved), not refused.close

@@ -173,9 +173,10 @@ class SqliteJournal(SqliteWriter):
     def changes(self, station: str, session: str) -> tuple[Recordable, ...]:
         """Return the edits, descriptions and program edits of a session, oldest first.
 
-        Raises JournalError, and ProtocolError where one is unreadable.
+        Without what cannot be written. Raises JournalError, and ProtocolError where one is unreadable.
         """
-        self.commit()
+        with suppress(JournalError):
+            self.commit()
         with self._writing, map_sqlite_errors(self.path):
             rows = self._database.execute(SELECT_CHANGES, (station, session)).fetchall()
             return changes_of((station, session), rows)

@@ -151,20 +151,21 @@ class Registry:
 
     def _lacks_records(self, station: str) -> bool:
         held = self._held.of(station)
-        return any(_is_missing_or_behind(held.get(name), one) for name, one in self._wanted(station).items())
+        wanted = self._to_hold(self._journals.copies_of_station(station))
+        return any(_is_missing_or_behind(held.get(name), copies) for name, copies in wanted.items())
 
-    def _wanted(self, station: str) -> Mapping[str, SessionCopies]:
-        """Return the copies of the sessions to load into memory. Raises JournalError."""
+    def _without_refused(self, station: str) -> Mapping[str, SessionCopies]:
+        """Set refused records aside, and remove the sessions that contain them from memory.
+
+        Return the copies of the station's sessions. Raises JournalError.
+        """
         known = self._journals.copies_of_station(station)
-        return {name: known[name] for name in self._to_hold(known)}
-
-    def _retract_refused(self, station: str) -> None:
-        """Set aside what was refused and yet recorded; hold no session with it. Raises JournalError."""
-        for name, copies in self._journals.copies_of_station(station).items():
-            if copies.refused is not None:
-                why = f"{station}/{name} has what was refused: the station's last owner has something else"
-                self._held.remove(station, name)
-                self._journal.retract(station, name, copies.refused, why)
+        refused = {name: copies.refused for name, copies in known.items() if copies.refused is not None}
+        for name, records in refused.items():
+            why = f"{station}/{name} has what was refused: the station's last owner has something else"
+            self._held.remove(station, name)
+            self._journal.retract(station, name, records, why)
+        return self._journals.copies_of_station(station) if refused else known
 
     def _take_over(self, station: str, now: float) -> Generator[list[Output], None, None]:
         self.ownership.begin_takeover(station)
@@ -173,8 +174,8 @@ class Registry:
         try:
             self.ownership.begin_catching_up(station)
             owner = self.ownership.acquire(station, now)
-            self._retract_refused(station)  # from here on the last owner acknowledges nothing
-            held, wanted = self._held.of(station), self._wanted(station)
+            known = self._without_refused(station)  # from here on the last owner acknowledges nothing
+            held, wanted = self._held.of(station), self._to_hold(known)
             taken = {name: session for name, session in held.items() if name not in wanted}
             for name, copies in wanted.items():
                 session = yield from self._takeover.take_over_session(copies, held.get(name), owner)
@@ -214,11 +215,11 @@ class Registry:
         for name in (station, REBUILDING):
             self.slices.finish(name)
 
-    def _to_hold(self, known: Mapping[str, SessionCopies]) -> list[str]:
-        """Return the sessions to load into memory: the open ones and the last closed ones."""
+    def _to_hold(self, known: Mapping[str, SessionCopies]) -> Mapping[str, SessionCopies]:
+        """Return the copies of the sessions to load into memory: the open ones and the last closed ones."""
         closed = [name for name, copies in known.items() if copies.best.closed]
         gone = set(closed[: max(0, len(closed) - self._limits.closed_sessions)])
-        return [name for name in known if name not in gone]
+        return {name: copies for name, copies in known.items() if name not in gone}
 
     # --- what comes -------------------------------------------------------------------------------------
 

@@ -89,7 +89,7 @@ def started(instance: Instance) -> None:
         manager.step()
 
 
-@pytest.mark.parametrize("looks", range(5))
+@pytest.mark.parametrize("looks", range(4))
 def test_a_correction_that_cannot_be_read_is_not_replaced_by_the_next_one(pair, looks):
     """The station was served without it, and the next correction was acknowledged in its place."""
     a, b = pair

@@ -2,7 +2,7 @@
 
 An instance that is frozen between its last look at the epochs and a record has that record in its journal,
 although it was refused. The successor may have acknowledged another change in its place. So where two copies
-exclude each other, that one counts whose instance completed the last takeover of the station: it had read the
+exclude each other, that one counts whose instance completed the last takeover of the station. It had read the
 other one before, and an earlier owner has acknowledged nothing since. A copy that only goes on where the
 other one ends excludes nothing. Batches exclude nothing either: they are equal in every copy.
 """

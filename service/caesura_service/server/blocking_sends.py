@@ -4,6 +4,8 @@ Zenoh sends both with the congestion control that the client, or the bridge, req
 not read, the call blocks until its link is closed, five seconds later. In the worker's thread it would block
 all stations. So each station has a lane, in which messages are sent one after the other, and a blocked
 station occupies one thread.
+
+Where the system gives no thread, as without memory, the threads that run do the work: one starts at once.
 """
 
 from __future__ import annotations
@@ -40,6 +42,8 @@ class Lanes:
         self._changed = threading.Condition()
 
     def __enter__(self) -> Self:
+        """Start one thread, so that jobs are done also where no other can be started."""
+        self._start_thread()
         return self
 
     def __exit__(
@@ -60,19 +64,26 @@ class Lanes:
             if jobs is None:
                 self._waiting[lane] = deque([job])
                 self._ready.append(lane)
-                self._wake()
+                self._changed.notify()
             elif len(jobs) >= WAITING:
                 return False
             else:
                 jobs.append(job)
+            # An idle thread may have been notified of another lane, and not run yet.
+            if self._idle < len(self._ready) and len(self._threads) < THREADS:
+                self._start_thread()
         return True
 
-    def _wake(self) -> None:
-        self._changed.notify()  # an idle thread may have been notified of another lane, and not run yet
-        if self._idle < len(self._ready) and len(self._threads) < THREADS:
-            name = f"caesura-lanes-{len(self._threads)}"
-            self._threads.append(threading.Thread(target=self._run, name=name, daemon=True))
-            self._threads[-1].start()
+    def _start_thread(self) -> None:
+        name = f"caesura-lanes-{len(self._threads)}"
+        thread = threading.Thread(target=self._run, name=name, daemon=True)
+        try:
+            thread.start()
+        except RuntimeError as error:
+            if self._log_rate.allows(""):
+                logger.error("answers may be late: %s: look for memory and limits of this process", error)
+        else:
+            self._threads.append(thread)
 
     def _run(self) -> None:
         while (taken := self._next_job()) is not None:

@@ -209,6 +209,9 @@ def test_a_service_that_cannot_now_is_asked_again(memory, code):
     with service, Bridge(memory.transport(), "cell-1", file_source(100), settings=QUICK) as bridge:
         with pytest.raises(Unreachable):
             bridge.wait_open(0.1)
+        eventually(lambda: bridge.postponed == "later")
+        with pytest.raises(Unreachable, match="later"):
+            bridge.wait_open(0.1)
         service.refuse = None
         assert bridge.run().next_seq == 5
 

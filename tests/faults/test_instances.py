@@ -5,8 +5,9 @@ undisturbed run, field by field. Real processes, real Zenoh.
 
 from __future__ import annotations
 
+import resource
 from collections.abc import Iterator
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -14,6 +15,8 @@ from pathlib import Path
 import pytest
 
 from caesura_clients import Caesura, connect, editing
+from caesura_clients.bridge import Bridge
+from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.query import services
 from caesura_protocol.codec import encode
 from caesura_protocol.keys import session_key, station_key
@@ -35,6 +38,7 @@ from harness.peer import Peer
 from harness.processes import (
     DEADLINE_S,
     PACE,
+    QUICK,
     RECORDING,
     SAMPLES,
     SESSION,
@@ -80,10 +84,12 @@ def undisturbed() -> PipelineView:
 class Pair:
     """Two instances on one router and one directory, and somebody who looks at them."""
 
-    def __init__(self, directory: Path, stack: ExitStack) -> None:
+    def __init__(self, directory: Path, stack: ExitStack, *, apart: bool = False) -> None:
+        """apart: each has a directory of its own, as on two machines."""
         self.router = stack.enter_context(running(Router()))
         self.east, self.west = both = [
-            Service(directory, "--instance", name, router=self.router.endpoint) for name in INSTANCES
+            Service(directory / name if apart else directory, "--instance", name, router=self.router.endpoint)
+            for name in INSTANCES
         ]
         for each in both:
             stack.callback(each.kill)
@@ -133,6 +139,33 @@ def test_two_instances_share_the_stations_and_the_survivor_of_a_kill_takes_them_
     pair.west.kill()
     assert_all_equal(pair, ends, undisturbed)
     pair.until_served_by("east", *STATIONS)
+
+
+def test_a_bridge_teaches_on_where_the_survivor_of_a_kill_has_no_room_for_its_session(tmp_path, undisturbed):
+    """The survivor has no copy of the session. Its disk is full: the limit on the size of its files is 0."""
+    station = WESTS[0]
+    with ExitStack() as stack:
+        pair = Pair(tmp_path, stack, apart=True)
+        bridge = stack.enter_context(
+            Bridge(
+                pair.caesura.transport,
+                station,
+                FileSource(RECORDING, pace=PACE),
+                session=SESSION,
+                settings=QUICK,
+            )
+        )
+        end = stack.enter_context(ThreadPoolExecutor(1)).submit(bridge.run)
+        reaches(pair.caesura, station, SAMPLES // 4)
+        resource.prlimit(pair.east.pid, resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
+        pair.west.kill()
+        eventually(lambda: end.done() or "cannot be" in (bridge.postponed or ""))
+        assert "east.sqlite" in (bridge.postponed or ""), end.exception()
+        resource.prlimit(pair.east.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)
+        assert end.result(DEADLINE_S).state == "closed"
+        found = closed(pair.caesura, station)
+        assert found.status.samples == SAMPLES, "the bridge's ring has them all"
+        assert found.segments.segments == undisturbed.segments
 
 
 def test_one_that_comes_back_takes_its_stations_in_the_middle_of_their_demonstrations(pair, undisturbed):

@@ -181,6 +181,11 @@ class Bridge:
         return self._ignored_up
 
     @property
+    def postponed(self) -> str | None:
+        """Why a service refuses the session for now, as of the last answer; None where it does not."""
+        return self._control.postponed
+
+    @property
     def stuck_s(self) -> float:
         """Time [s] for which the service has requested the same batch, which it cannot store.
 
@@ -240,7 +245,8 @@ class Bridge:
         Raises Unreachable, or ProtocolError where it refuses.
         """
         if not self._answered.wait(timeout_s):
-            raise Unreachable(f"no service has opened {self.station}/{self.session} for {timeout_s:g} s")
+            what = f"no service has opened {self.station}/{self.session} for {timeout_s:g} s"
+            raise Unreachable(what + self._because())
         self._raise_failure()
 
     def send(self, chunk: Chunk) -> None:
@@ -358,8 +364,11 @@ class Bridge:
     def _unacknowledged(self) -> Unreachable:
         return Unreachable(
             f"{self.station}/{self.session}: the service is known to have {self.acknowledged} of {self.sent} "
-            f"batches {self.settings.close_timeout_s:g} s after the end"
+            f"batches {self.settings.close_timeout_s:g} s after the end{self._because()}"
         )
+
+    def _because(self) -> str:
+        return "" if self.postponed is None else f": {self.postponed}"
 
     def _wait_for_room(self) -> None:
         """Block the source while `window_batches` batches are unacknowledged."""

@@ -21,6 +21,7 @@ class ControlClient:
     def __init__(self, transport: Transport, station: str) -> None:
         self._transport = transport
         self._key = station_key(station, "control")
+        self.postponed: str | None = None  # why the last command was refused for now; None where it was not
 
     def ask(self, command: Open | Close, *, timeout_s: float = QUERY_TIMEOUT_S) -> Ack | None:
         """Send a command; return the Ack, or None without an answer. Raises ProtocolError for a refusal.
@@ -31,10 +32,12 @@ class ControlClient:
         answers = self._transport.query(self._key, content, timeout_s=timeout_s)
         if answers.replies:
             reply = answers.replies[0]
+            self.postponed = None
             return decode(reply.payload, reply.encoding, Ack)
         refusals = [refusal for refusal in answers.refusals if refusal.code not in TRY_AGAIN]
         if refusals:
             raise refusals[0]
+        self.postponed = answers.refusals[0].message if answers.refusals else None
         return None
 
     def close_left_open(

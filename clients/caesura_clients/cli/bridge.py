@@ -351,7 +351,7 @@ def _run(opened: Bridge, caesura: Caesura) -> Ack:
         with suppress(Unreachable):
             opened.wait_open(PATIENCE_S)
         if not opened.is_open:
-            typer.echo(_why_it_waits(caesura, opened.station), err=True)
+            typer.echo(_why_it_waits(caesura, opened), err=True)
         return opened.run()
     except KeyboardInterrupt:
         if not opened.sent:
@@ -359,8 +359,10 @@ def _run(opened: Bridge, caesura: Caesura) -> Ack:
         return opened.finish()
 
 
-def _why_it_waits(caesura: Caesura, station: str) -> str:
+def _why_it_waits(caesura: Caesura, opened: Bridge) -> str:
+    if opened.postponed is not None:
+        return f"the service does not open {opened.station}/{opened.session} yet: {opened.postponed}"
     if services(caesura.transport):
-        whose = f"are these the credentials of bridge.{station}?"
-        return f"a service is there, but answers nothing about {station}: {whose} Trying on"
+        whose = f"are these the credentials of bridge.{opened.station}?"
+        return f"a service is there, but answers nothing about {opened.station}: {whose} Trying on"
     return "no service answers yet, waiting for one"

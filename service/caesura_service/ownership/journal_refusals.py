@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from types import TracebackType
 
-from caesura_protocol.errors import ErrorCode, ProtocolError
+from caesura_protocol.errors import ProtocolError
 from caesura_service.journal import JournalError, JournalShareError, JournalSupersededError
 
 
-class JournalErrorsAs:
-    """Raises a JournalError of its context as a ProtocolError with the given code.
+class JournalErrorsAsOverloaded:
+    """Raises a JournalError of its context as a ProtocolError `overloaded`: bridges try again.
 
     JournalSupersededError passes unchanged: that another instance owns the station concerns no session.
     """
-
-    def __init__(self, code: ErrorCode) -> None:
-        self._code = code
 
     def __enter__(self) -> None:
         """Enter the context. This is a class and not a generator, because every batch uses it."""
@@ -26,9 +23,9 @@ class JournalErrorsAs:
         if isinstance(error, JournalSupersededError):
             return
         if isinstance(error, JournalShareError):
-            raise ProtocolError(self._code, str(error), value=error.taken, limit=error.limit) from error
+            raise ProtocolError("overloaded", str(error), value=error.taken, limit=error.limit) from error
         if isinstance(error, JournalError):
-            raise ProtocolError(self._code, str(error)) from error
+            raise ProtocolError("overloaded", str(error)) from error
 
 
-AS_OVERLOADED, AS_CONFLICT = JournalErrorsAs("overloaded"), JournalErrorsAs("conflict")
+AS_OVERLOADED = JournalErrorsAsOverloaded()

@@ -46,7 +46,7 @@ from caesura_service.journal import (
 )
 from caesura_service.ownership.closed_session_rebuilder import ClosedSessionRebuilder
 from caesura_service.ownership.held_sessions import HeldSessions
-from caesura_service.ownership.journal_refusals import AS_CONFLICT, AS_OVERLOADED
+from caesura_service.ownership.journal_refusals import AS_OVERLOADED
 from caesura_service.ownership.session_copies import JournalSet, SessionCopies
 from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.ownership.station_limit import StationLimit, last_opened
@@ -379,11 +379,9 @@ class Registry:
         opening = command.model_copy(update={"preset": command.preset or self._default_preset})
         with AS_OVERLOADED:
             owner = self.ownership.owner(station, now)
-        with AS_OVERLOADED:
             known = self._journals.copies_of_station(station, command.session).get(command.session)
             opened = self._opening_time(station, now)
-        session = self._factory.new(station, opening, owner, opened)
-        with AS_CONFLICT:
+            session = self._factory.new(station, opening, owner, opened)
             if known is not None:
                 return self._reopen(station, command, known, now)
             outputs = session.begin(opened)

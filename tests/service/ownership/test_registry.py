@@ -231,7 +231,7 @@ def test_where_an_opening_cannot_be_recorded_no_room_was_made_for_it():
     registry = opened(new_registry(Full(), Limits(open_sessions=1)), STATION, "s1")
     refusal = answer(registry.handle_command(STATION, opening("s2"), 0.0))
     assert isinstance(refusal, ProtocolError)
-    assert refusal.code == "conflict"
+    assert refusal.code == "overloaded"
     assert [standing.is_open for standing in registry.index.all_states()] == [True]
 
 

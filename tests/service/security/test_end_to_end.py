@@ -222,7 +222,8 @@ def test_who_may_not_read_is_not_informed_that_there_is_nothing(network, directo
 
 def test_a_bridge_with_the_credentials_of_another_station_is_reported(network):
     thief = network.as_("bridge.cell-1")
-    assert "are these the credentials of bridge.cell-2?" in _why_it_waits(thief, "cell-2")
+    bridge = Bridge(thief.transport, "cell-2", LiveSource([samples(10)]))
+    assert "are these the credentials of bridge.cell-2?" in _why_it_waits(thief, bridge)
 
 
 def test_instances_share_the_stations_through_the_rules(directory):

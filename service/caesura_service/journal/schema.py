@@ -307,6 +307,7 @@ KINDS = {
 }
 
 
+LACKS_OF_ROOM: Mapping[int, str] = {errno.ENOSPC: "SQLITE_FULL", errno.EDQUOT: "QUOTA_FULL"}
 UNEXPLAINED = frozenset({"SQLITE_CANTOPEN", "SQLITE_READONLY", "SQLITE_IOERR"})
 
 
@@ -322,7 +323,7 @@ def map_sqlite_errors(path: Path) -> Iterator[None]:
         if not isinstance(error, sqlite3.Error):
             name = _name_of(error) if isinstance(error, OSError) else "SQLITE_CORRUPT"
         if name == "SQLITE_IOERR":
-            name = _lack_of_room(path) or name
+            name = LACKS_OF_ROOM.get(_refused_write(path), name)
         remedy = (
             _remedy_of_disk(path, name)
             or _remedy_of_neighbour(path, name)
@@ -339,15 +340,18 @@ def _name_of(error: OSError) -> str:
     return "SQLITE_PERM" if isinstance(error, PermissionError) else "SQLITE_IOERR"
 
 
-def _lack_of_room(path: Path) -> str | None:
-    """Return why the disk takes no more, if so: SQLite has no name for an exhausted quota."""
+def _refused_write(path: Path) -> int:
+    """Return the error number with which the disk refuses a further file, or 0.
+
+    SQLite has no name for a full quota, and the system may list a disk as writable that it made read-only.
+    """
     try:
         with tempfile.TemporaryFile(dir=path.parent, buffering=0) as probe:
             probe.write(bytes(PROBE))
             os.fsync(probe.fileno())
     except OSError as error:
-        return {errno.ENOSPC: "SQLITE_FULL", errno.EDQUOT: "QUOTA_FULL"}.get(error.errno or 0)
-    return None
+        return error.errno or 0
+    return 0
 
 
 def _remedy_of_disk(path: Path, name: str) -> str | None:
@@ -365,7 +369,7 @@ def _remedy_of_disk(path: Path, name: str) -> str | None:
         disk = os.statvfs(path.parent)
     except OSError:
         return None
-    if disk.f_flag & os.ST_RDONLY:
+    if _refused_write(path) == errno.EROFS:
         return "cannot be written, its disk is read-only: mount it for writing, or name another --journal"
     if disk.f_files and not disk.f_favail:
         return "cannot be opened, its disk holds no further file: delete some, or name another --journal"

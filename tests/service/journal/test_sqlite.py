@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import itertools
 import os
 import re
@@ -18,8 +19,9 @@ import pytest
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack
 from caesura_service.journal import JournalError, JournalSettings, Outcome, Record, SqliteJournal
+from caesura_service.journal import schema
 from caesura_service.journal import sqlite_writer as writer
-from caesura_service.journal.schema import LOG_KEPT, SCHEMA_VERSION
+from caesura_service.journal.schema import LOG_KEPT, SCHEMA_VERSION, map_sqlite_errors
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.session_state import snapshot_of, status_of
 from harness.processes import eventually
@@ -366,6 +368,22 @@ def test_a_disk_that_is_too_slow_refuses_before_memory_runs_out(path):
         assert "written too slowly" in until_refused(journal, range(10)).reason
         journal.commit()
         journal.append(record(10))
+
+
+@pytest.mark.parametrize("name", ["SQLITE_IOERR_WRITE", "SQLITE_READONLY"])
+def test_a_disk_that_the_system_made_read_only_is_named_also_where_it_is_listed_as_writable(
+    path, monkeypatch, name
+):
+    """As ext4 after an error: `let this user write it` was advised, or to free some room."""
+
+    def refuse(**_: object) -> None:
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr(schema.tempfile, "TemporaryFile", refuse)
+    error = sqlite3.OperationalError("refused")
+    error.sqlite_errorname = name
+    with pytest.raises(JournalError, match="its disk is read-only: mount it for"), map_sqlite_errors(path):
+        raise error
 
 
 # --- sessions on it -------------------------------------------------------------------------------------

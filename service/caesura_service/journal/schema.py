@@ -473,6 +473,9 @@ def acquire_lock(path: Path) -> sqlite3.Connection:
         with map_sqlite_errors(path):
             lock.execute("PRAGMA journal_mode = MEMORY")  # a lock needs no room on a full disk
             lock.execute("BEGIN EXCLUSIVE")
+    except JournalForeignError as error:  # the journal itself may be whole
+        lock.close()
+        raise JournalError(f"journal {path} cannot be locked, {where.name} is no lock: remove it") from error
     except JournalError:
         lock.close()
         raise

@@ -370,6 +370,15 @@ def test_a_disk_that_is_too_slow_refuses_before_memory_runs_out(path):
         journal.append(record(10))
 
 
+def test_a_lock_that_is_none_is_named_and_not_the_journal(path):
+    """`is no journal: move it away` was the advice for a journal that was whole."""
+    with SqliteJournal(path):
+        pass
+    path.with_name(f"{path.name}.lock").write_text("rubbish" * 1000)
+    with pytest.raises(JournalError, match=r"caesura-1\.sqlite\.lock is no lock: remove it"), SqliteJournal(path):
+        pass
+
+
 @pytest.mark.parametrize("name", ["SQLITE_IOERR_WRITE", "SQLITE_READONLY"])
 def test_a_disk_that_the_system_made_read_only_is_named_also_where_it_is_listed_as_writable(
     path, monkeypatch, name

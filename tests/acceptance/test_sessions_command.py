@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import pty
 import subprocess
@@ -66,6 +67,22 @@ def test_an_exported_session_is_the_recording_that_was_taught(directory):
     exported = load_recording(out)
     np.testing.assert_allclose(exported.matrix(), guided().matrix(), rtol=0, atol=1e-12)
     assert segment_recording(exported).segments == segment_recording(guided()).segments
+
+
+def test_an_export_onto_a_full_disk_leaves_the_file_that_was_there(directory, monkeypatch):
+    out = directory / "s2.npz"
+    out.write_bytes(b"an earlier export")
+
+    def half(path: Path, **_: object) -> None:
+        path.write_bytes(b"half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(np, "savez_compressed", half)
+    done = caesura("export", "s2", "-o", out, "--journal", directory)
+    assert done.exit_code == 1
+    assert done.stderr == f"error: cannot write {out}: No space left on device\n"
+    assert out.read_bytes() == b"an earlier export"
+    assert not list(directory.glob("*part*"))
 
 
 def test_a_session_is_exported_as_mcap_while_the_service_runs(directory):

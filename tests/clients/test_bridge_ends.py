@@ -1,5 +1,6 @@
 """How a session of a bridge ends: acknowledged, refused, without an answer, by a source that fails."""
 
+import errno
 import threading
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -85,6 +86,18 @@ def test_a_folder_that_takes_no_file_is_named(memory, tmp_path, caplog):
         end_unstored(memory, LiveSource(), tmp_path / "missing")
     assert "the rest is lost" in caplog.text
     assert str(tmp_path / "missing") in caplog.text
+
+
+def test_a_full_disk_leaves_no_half_recording_and_is_named(memory, tmp_path, caplog, monkeypatch):
+    def half(path, **_):
+        path.write_bytes(b"half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(np, "savez_compressed", half)
+    with pytest.raises(Unreachable):
+        end_unstored(memory, LiveSource(), tmp_path)
+    assert list(tmp_path.iterdir()) == []
+    assert f"{tmp_path} does not take it: No space left on device" in caplog.text
 
 
 def test_an_end_that_the_service_refuses_for_good_says_why(memory):

@@ -355,7 +355,8 @@ class Bridge:
         try:
             path = save_unstored(self._open, batches, folder)
         except OSError as error:
-            logger.error("%s: %s; the rest is lost: %s", name, lacking, error)
+            why = f"{folder.absolute()} does not take it: {error.strerror or error}"
+            logger.error("%s: %s; the rest is lost, %s", name, lacking, why)
         else:
             since = f" from batch {batches[0].seq} on" if batches[0].seq else ""
             play = f"caesura bridge --station {self.station} --source file --file {path}"

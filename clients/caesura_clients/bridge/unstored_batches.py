@@ -9,13 +9,14 @@ import numpy as np
 
 from caesura_clients.bridge.ring import StoredBatch
 from caesura_protocol.codec import decode, signals_of, unpack_samples
+from caesura_protocol.formats.write import write_npz
 from caesura_protocol.messages import Open, SampleBatch
 from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import ASSUMED, Recording
 
 
 def save_unstored(opening: Open, batches: Sequence[StoredBatch], folder: Path) -> Path:
-    """Write at least one batch of a session to `SESSION.unstored.npz`; return its path. Raises OSError."""
+    """Write at least one batch of a session to a whole `SESSION.unstored.npz`; return its path. Raises OSError."""
     rows = np.concatenate([unpack_samples(decode(*one.content, SampleBatch)) for one in batches])
     recording = Recording(
         rows[:, 0],
@@ -29,5 +30,5 @@ def save_unstored(opening: Open, batches: Sequence[StoredBatch], folder: Path) -
         setting=CellSettings(**{name: getattr(opening, name) for name in CellSettings._fields}),
     )
     path = folder / f"{opening.session}.unstored.npz"
-    recording.save(path)
+    write_npz(path, recording)
     return path.absolute()

@@ -17,6 +17,7 @@ from caesura_clients.cli.options import grouped, reported
 from caesura_lab.commands.dataset_options import DATASET_OPTIONS, DatasetOptions, write_dataset
 from caesura_protocol.distribution import install_command
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
+from caesura_protocol.formats.write import write_npz
 from caesura_protocol.number_words import counted
 from caesura_protocol.recording import Recording
 from caesura_service.config import journal_directory, journal_path
@@ -118,7 +119,7 @@ def _delete(matches: PeerCopy, *, closed: bool) -> None:
 
 def _write_npz(journal: Journal, key: Key, out: Path) -> Recording:
     recording = recording_of(journal.replay(*key))
-    recording.save(out)
+    write_npz(out, recording)
     return recording
 
 

@@ -18,8 +18,7 @@ import pytest
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack
-from caesura_service.journal import JournalError, JournalSettings, Outcome, Record, SqliteJournal
-from caesura_service.journal import schema
+from caesura_service.journal import JournalError, JournalSettings, Outcome, Record, SqliteJournal, schema
 from caesura_service.journal import sqlite_writer as writer
 from caesura_service.journal.schema import LOG_KEPT, SCHEMA_VERSION, map_sqlite_errors
 from caesura_service.ownership.registry import Registry
@@ -375,7 +374,10 @@ def test_a_lock_that_is_none_is_named_and_not_the_journal(path):
     with SqliteJournal(path):
         pass
     path.with_name(f"{path.name}.lock").write_text("rubbish" * 1000)
-    with pytest.raises(JournalError, match=r"caesura-1\.sqlite\.lock is no lock: remove it"), SqliteJournal(path):
+    with (
+        pytest.raises(JournalError, match=r"caesura-1\.sqlite\.lock is no lock: remove it"),
+        SqliteJournal(path),
+    ):
         pass
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import sys
 from pathlib import Path
@@ -46,6 +47,20 @@ def test_a_program_is_written_in_every_format(program: Path, tmp_path: Path) -> 
     assert "MAX_SPEED_M_PER_S" in outs["franky"].read_text("utf-8")
     assert Xml.parse(outs["bt"]).getroot().get("BTCPP_format") == "4"
     assert "apply force" in caesura("program", "--file", program).output
+
+
+def test_a_program_onto_a_full_disk_leaves_no_half_script(program, tmp_path, monkeypatch):
+    """Half a script may run, as far as it goes."""
+    out, write = tmp_path / "program.py", Path.write_text
+
+    def half(path: Path, text: str, **options: str) -> None:
+        write(path, text[: len(text) // 2], **options)
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", half)
+    done = caesura("program", "--file", program, "--format", "franky", "-o", out)
+    assert (done.exit_code, done.stderr) == (1, f"error: cannot write {out}: No space left on device\n")
+    assert not list(tmp_path.glob("*program*"))
 
 
 def test_a_check_says_what_is_wrong_and_exits_with_1(program: Path, tmp_path: Path) -> None:

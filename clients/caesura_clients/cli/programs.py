@@ -29,6 +29,7 @@ from caesura_clients.cli.program_speed import TAUGHT, KeepPause, Speed, at_speed
 from caesura_clients.cli.result_tables import apps_table, clock_lines, doubtful_apps, program_view
 from caesura_clients.client import Caesura
 from caesura_protocol.errors import CaesuraError
+from caesura_protocol.formats.write import whole_file
 from caesura_protocol.messages import Phase, Program
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.comparison import differences
@@ -206,7 +207,8 @@ def write_program(
         if out is None:
             typer.echo(text, nl=False)
         else:
-            out.write_text(text, encoding="utf-8")
+            with whole_file(out) as part:  # half a script may run, as far as it goes
+                part.write_text(text, encoding="utf-8")
         if WRITERS[output_format.value].is_script:
             _name_errors(program)
     except ValueError as error:

@@ -13,8 +13,14 @@ from caesura_protocol.recording import Recording
 
 
 @contextmanager
-def _whole(path: Path) -> Iterator[Path]:
-    """Yield a temporary path that replaces the file only once it is complete."""
+def whole_file(path: Path) -> Iterator[Path]:
+    """Yield a temporary path that replaces the file only once it is complete.
+
+    It is the path itself for a link or a device, such as /dev/stdout.
+    """
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        yield path
+        return
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
         yield part
@@ -25,7 +31,7 @@ def _whole(path: Path) -> Iterator[Path]:
 
 def write_csv(path: Path, recording: Recording) -> None:
     """Write one column per component, options in leading comments; numbers in the shortest exact form."""
-    with _whole(path) as part, part.open("w", encoding="utf-8", newline="") as stream:
+    with whole_file(path) as part, part.open("w", encoding="utf-8", newline="") as stream:
         for key, value in recording.stated_options.items():
             stream.write(f"# {key}: {value}\n")
         rows = csv.writer(stream, lineterminator="\n")
@@ -35,7 +41,7 @@ def write_csv(path: Path, recording: Recording) -> None:
 
 def write_npz(path: Path, recording: Recording) -> None:
     """Write one array per signal."""
-    with _whole(path) as part:
+    with whole_file(path) as part:
         recording.save(part)
 
 

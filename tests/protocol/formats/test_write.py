@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from caesura_protocol.errors import CaesuraError
-from caesura_protocol.formats.write import WRITERS, check_writable
+from caesura_protocol.formats.write import WRITERS, check_writable, whole_file
 from caesura_protocol.recording import Recording
 from clients.examples import recording
 
@@ -57,3 +57,13 @@ def test_a_directory_that_we_may_not_write_in_is_named(tmp_path: Path, monkeypat
     monkeypatch.setattr(os, "access", lambda path, mode: Path(path) != tmp_path)  # root may write anywhere
     with pytest.raises(CaesuraError, match="permission denied"):
         check_writable(tmp_path / "x.npz")
+
+
+def test_what_a_link_leads_to_is_written(tmp_path):
+    """A device, such as /dev/stdout, is not replaced by a file."""
+    link, file = tmp_path / "link.csv", tmp_path / "file.csv"
+    link.symlink_to(file)
+    with whole_file(link) as part:
+        part.write_text("whole")
+    assert link.is_symlink()
+    assert file.read_text() == "whole"

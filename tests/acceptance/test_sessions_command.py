@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import pty
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -21,6 +22,7 @@ from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import Close, Describe, Description
 from caesura_service.config import ServiceConfig, journal_path
 from caesura_service.journal import Record, SqliteJournal
+from caesura_service.journal.schema import is_in_use
 from caesura_service.offline_segmentation import BATCH_SAMPLES, opening_of, segment_recording
 from harness.commands import application
 from harness.demonstrations import guided
@@ -83,6 +85,40 @@ def test_an_export_onto_a_full_disk_leaves_the_file_that_was_there(directory, mo
     assert done.stderr == f"error: cannot write {out}: No space left on device\n"
     assert out.read_bytes() == b"an earlier export"
     assert not list(directory.glob("*part*"))
+
+
+def test_a_journal_that_no_service_has_open_is_named_with_what_only_it_has(directory):
+    gone, twin = journal_path(directory, "gone"), journal_path(directory, "twin")
+    shutil.copy(journal_path(directory, ServiceConfig().instance), gone)
+    with SqliteJournal(gone) as journal:
+        journal.append(Record("cell-9", "s9", 0.0, opening_of(guided()).model_copy(update={"session": "s9"})))
+        journal.append(Record("cell-2", "s1", 0.0, Close(session="s1", last_seq=53)))
+    shutil.copy(gone, twin)
+    journal_path(directory, "unreadable").write_bytes(b"rubbish" * 1000)
+    with running(directory):
+        done = caesura("journals", "--journal", directory)
+    assert done.exit_code == 0, done.stderr
+    assert "unreadable.sqlite is no journal" in done.stderr
+    of_instance, of_gone, none, of_twin, only = done.stdout.splitlines()
+    assert of_instance.endswith("3 sessions, 2 of them open; a service has it open")
+    assert of_gone.startswith(f"{gone}: ")
+    assert of_gone.endswith("4 sessions, 2 of them open; no service has it open")
+    assert only.strip().startswith("only there: cell-2/s1, cell-9/s9; if instance twin never")
+    assert of_twin.endswith("4 sessions, 2 of them open; no service has it open")
+    assert none.strip() == (
+        "no session is only there: if instance gone never starts again, move gone.sqlite* away"
+    )
+
+
+@pytest.mark.parametrize("lock", [None, b"", b"rubbish" * 1000])
+def test_a_journal_is_in_use_only_while_a_process_has_locked_it(directory, lock):
+    """Other than after a crash, which leaves the file of the lock."""
+    path = journal_path(directory, ServiceConfig().instance)
+    with running(directory):
+        assert is_in_use(path)
+    beside = path.with_name(f"{path.name}.lock")
+    beside.unlink() if lock is None else beside.write_bytes(lock)
+    assert not is_in_use(path)
 
 
 def test_a_session_is_exported_as_mcap_while_the_service_runs(directory):

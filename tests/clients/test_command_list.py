@@ -70,7 +70,7 @@ def test_an_own_module_that_is_missing_is_no_extra(monkeypatch, tmp_path):
         build([entry("broken:register")])
 
 
-@pytest.mark.parametrize("name", ["export", "delete"])
+@pytest.mark.parametrize("name", ["export", "delete", "journals"])
 def test_what_needs_the_journal_says_where_it_runs(name: str):
     group = typer.Typer()
     group.command("list")(lambda: None)

@@ -14,7 +14,7 @@ sessions = typer.Typer(name="sessions", help="List the sessions of the service, 
 add_command(sessions, "describe", "caesura_clients.cli.demonstrations:describe")
 add_command(sessions, "list", "caesura_clients.cli.session_views:list_sessions")
 add_command(sessions, "show", "caesura_clients.cli.session_views:show")
-OF_THE_SERVICE = ("export", "delete")  # they look into its journal
+OF_THE_SERVICE = ("export", "delete", "journals")  # they look into its journal
 
 
 @sessions.callback(invoke_without_command=True)

@@ -25,6 +25,7 @@ COMMANDS = {
 
 add_command(sessions, "export", "caesura_lab.commands.sessions:export")
 add_command(sessions, "delete", "caesura_lab.commands.sessions:delete")
+add_command(sessions, "journals", "caesura_lab.commands.sessions:journals")
 
 
 def register(app: typer.Typer) -> None:

@@ -1,9 +1,9 @@
-"""`caesura sessions export` and `delete`: commands that need the journal, on the service's machine."""
+"""`caesura sessions export`, `delete` and `journals`: what needs the journal, on the machine where it is."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
@@ -34,6 +34,9 @@ from caesura_service.journal import (
     last_owned,
     refused_in,
 )
+from caesura_service.journal.peer_journals import open_for_reading
+from caesura_service.journal.rows import copies_in
+from caesura_service.journal.schema import is_in_use
 from caesura_service.offline_segmentation import recording_of
 
 Session = Annotated[str, typer.Argument(help="Name of the session.")]
@@ -104,6 +107,61 @@ def delete(
         for found in copies:
             _delete(found, closed=copies[0].copy.closed)
     typer.echo(f"{'/'.join(key)} deleted")
+
+
+def journals(journal: Directory = None) -> None:
+    """List the journals of DIR, which of them no service has open, and the sessions that only such a one has.
+
+    The service may be running; nothing is changed. One that cannot be read is reported on stderr.
+    """
+    with reported():
+        held: dict[Path, tuple[Copy, ...]] = {}
+        in_use: dict[Path, bool] = {}
+        for path in _journal_paths(journal, None):
+            try:
+                with open_for_reading(path) as kept:
+                    held[path], in_use[path] = copies_in(kept), is_in_use(path)
+            except JournalError as error:
+                typer.echo(str(error), err=True)
+        for path in tuple(held):
+            typer.echo(f"{path}: {_extent_in_words(held[path], path)}; {IN_USE[in_use[path]]}")
+            if in_use[path]:
+                continue
+            only = _only_there(path, held)
+            typer.echo(f"    {_only_there_in_words(path, only)}")
+            if not only:
+                del held[path]  # of two such journals with one session each, one has to stay
+
+
+IN_USE = {True: "a service has it open", False: "no service has it open"}
+NAMED = 10  # sessions of one journal, at most
+
+
+def _extent_in_words(copies: Sequence[Copy], path: Path) -> str:
+    is_open = sum(not copy.closed for copy in copies)
+    return f"{path.stat().st_size / 1e6:.1f} MB, {counted(len(copies), 'session')}, {is_open} of them open"
+
+
+def _only_there(path: Path, held: Mapping[Path, Sequence[Copy]]) -> list[str]:
+    """Return the sessions of which no other journal has as much."""
+    elsewhere: dict[Key, tuple[bool, int, int, int, int]] = {}
+    for copy in (copy for other, copies in held.items() if other != path for copy in copies):
+        elsewhere[copy.key] = max(copy.progress, elsewhere.get(copy.key, copy.progress))
+    return [
+        "/".join(copy.key)
+        for copy in held[path]
+        if copy.key not in elsewhere or elsewhere[copy.key] < copy.progress
+    ]
+
+
+def _only_there_in_words(path: Path, only: Sequence[str]) -> str:
+    """Name the sessions that only this journal has; without any, state how to clear it away."""
+    gone = f"if instance {path.stem} never starts again"
+    if not only:
+        return f"no session is only there: {gone}, move {path.name}* away"
+    more = f" and {len(only) - NAMED} more" if len(only) > NAMED else ""
+    named = ", ".join(only[:NAMED])
+    return f"only there: {named}{more}; {gone}, export or delete them before you move {path.name}* away"
 
 
 def _delete(matches: PeerCopy, *, closed: bool) -> None:

@@ -13,9 +13,10 @@ import os
 import sqlite3
 import tempfile
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from functools import cache
 from pathlib import Path
+from urllib.parse import quote
 
 from caesura_protocol.codec import encoding_of
 from caesura_protocol.messages import Close, Describe, Edit, EditProgram
@@ -480,6 +481,23 @@ def acquire_lock(path: Path) -> sqlite3.Connection:
         lock.close()
         raise
     return lock
+
+
+def is_in_use(path: Path) -> bool:
+    """Return whether a process holds the lock of a journal. Raises JournalError where that is unknown."""
+    where = _lock_of(path)
+    if not where.exists():
+        return False
+    with map_sqlite_errors(path):
+        lock = sqlite3.connect(f"file:{quote(str(where))}?mode=ro", uri=True, timeout=0.0)
+    try:
+        with map_sqlite_errors(path), closing(lock):
+            lock.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    except JournalBusyError:
+        return True
+    except JournalForeignError:  # no process can have locked this
+        return False
+    return False
 
 
 def _prepare(database: sqlite3.Connection, path: Path) -> None:

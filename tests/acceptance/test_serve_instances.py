@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,7 +15,7 @@ import pytest
 
 from caesura_clients import Caesura, connect
 from caesura_clients.query import services
-from caesura_service.commands.supervisor import credentials_of, names_of
+from caesura_service.commands.supervisor import Instance, credentials_of, names_of
 from harness.processes import DEADLINE_S, eventually, start, started
 
 SERVE = [sys.executable, "-m", "caesura_service", "serve"]
@@ -91,6 +93,30 @@ def test_one_that_cannot_begin_is_said_and_ends_it_all(tmp_path):
     assert out == ""
     assert "caesura-2.sqlite is no journal" in error
     assert "caesura serve: instance caesura-2 ended with 1 before it was ready" in error
+
+
+def test_one_that_cannot_be_started_again_for_lack_of_memory_is_started_later(monkeypatch):
+    begun, ready, start_process = [], threading.Event(), subprocess.Popen
+
+    def scarce(*command, **options):
+        begun.append(None)
+        if len(begun) == 2:
+            raise OSError(errno.ENOMEM, "Cannot allocate memory")
+        begun[-1] = start_process(*command, **options)
+        return begun[-1]
+
+    monkeypatch.setattr(subprocess, "Popen", scarce)
+    says_so = "import sys; print('caesura ready', flush=True); sys.stdin.read()"
+    instance = Instance("west-1", [sys.executable, "-c", says_so], ready.set)
+    instance.start()
+    try:
+        assert ready.wait(DEADLINE_S)
+        ready.clear()
+        begun[0].kill()
+        assert ready.wait(DEADLINE_S)
+        assert len(begun) == 3
+    finally:
+        instance.end()
 
 
 def test_names_count_on_from_that_of_a_single_instance():

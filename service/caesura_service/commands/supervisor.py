@@ -98,9 +98,9 @@ class Instance:
 
     def _keep(self) -> None:
         pause_s, longest_s = PAUSES_S
-        while (process := self._begin()) is not None:
+        while not self._over.is_set():
             began = time.monotonic()
-            code = self._follow(process)
+            code = self._run_once()
             if not self.ready:
                 self.failed = code
                 self._changed()
@@ -112,6 +112,15 @@ class Instance:
             if self._over.wait(pause_s):
                 return
             pause_s = min(2 * pause_s, longest_s)
+
+    def _run_once(self) -> int:
+        """Run the process until it ends; return its exit code, 1 where it could not be started."""
+        try:
+            process = self._begin()
+        except OSError as error:  # no memory, process or file for it just now
+            logger.error("%s cannot be started: %s", self.name, error.strerror)
+            return 1
+        return 0 if process is None else self._follow(process)
 
     def _begin(self) -> subprocess.Popen[str] | None:
         with self._guard:

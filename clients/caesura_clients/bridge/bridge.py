@@ -182,7 +182,7 @@ class Bridge:
 
     @property
     def postponed(self) -> str | None:
-        """The reason why a service refuses the session for now, as of the last answer; None where it does not."""
+        """The reason why a service refuses the session for now, as of the last answer; None without one."""
         return self._control.postponed
 
     @property

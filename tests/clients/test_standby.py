@@ -110,6 +110,20 @@ def test_a_command_that_fails_is_refused_and_the_next_one_is_answered(monkeypatc
         assert describing.stop(operator, STATION).session == session
 
 
+def test_a_start_that_the_journal_cannot_record_says_why(monkeypatch, over):
+    monkeypatch.setattr("caesura_clients.bridge.standby.OPEN_S", 0.5)
+    network = MemoryNetwork()
+    with (
+        FakeService(network.transport()) as service,
+        standing_by(network, lambda: nullcontext(Robot(over))) as standby,
+    ):
+        eventually(lambda: standby.status.state == "ready")
+        service.refuse = ProtocolError("overloaded", "journal a.sqlite cannot be written: free some room")
+        with pytest.raises(ProtocolError, match=r"nothing was taught, try again: .*free some room") as why:
+            describing.start(network.transport(), STATION)
+        assert why.value.code == "overloaded"
+
+
 def test_a_stop_at_a_service_that_lacks_batches_ends_once_it_has_them(over):
     """A close that was refused because batches were missing once ended the demonstration with an error."""
     network, given = MemoryNetwork(), threading.Event()

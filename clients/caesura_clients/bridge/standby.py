@@ -219,7 +219,7 @@ class Standby:
         except Unreachable as error:
             self._abandoned.add(one.session)
             outcome = f"not stored as a whole: {error}"
-            one.failed(ProtocolError("overloaded", f"{error}: nothing was taught; try again"))
+            one.failed(ProtocolError("overloaded", f"nothing was taught, try again: {error}"))
         except Exception as error:  # the source's too, which may be of any library
             if one.is_open:  # else the name may be that of another bridge's session
                 self._abandoned.add(one.session)

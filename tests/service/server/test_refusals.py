@@ -238,7 +238,7 @@ class BadJournal(MemoryJournal):
         (OSError("a mistake of ours"), "internal: not carried out: OSError"),
         (
             JournalError("journal j cannot be written: free some room"),
-            "conflict: journal j cannot be written",
+            "overloaded: journal j cannot be written",
         ),
     ],
 )

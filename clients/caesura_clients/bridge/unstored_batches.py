@@ -16,7 +16,7 @@ from caesura_protocol.recording import ASSUMED, Recording
 
 
 def save_unstored(opening: Open, batches: Sequence[StoredBatch], folder: Path) -> Path:
-    """Write at least one batch of a session to a whole `SESSION.unstored.npz`; return its path. Raises OSError."""
+    """Write at least one batch to a whole `SESSION.unstored.npz`; return its path. Raises OSError."""
     rows = np.concatenate([unpack_samples(decode(*one.content, SampleBatch)) for one in batches])
     recording = Recording(
         rows[:, 0],

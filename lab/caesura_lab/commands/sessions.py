@@ -1,4 +1,4 @@
-"""`caesura sessions export`, `delete` and `journals`: what needs the journal, on the machine where it is."""
+"""`caesura sessions export`, `delete` and `journals`: commands that need the journal, on its machine."""
 
 from __future__ import annotations
 
@@ -143,14 +143,17 @@ def _extent_in_words(copies: Sequence[Copy], path: Path) -> str:
 
 
 def _only_there(path: Path, held: Mapping[Path, Sequence[Copy]]) -> list[str]:
-    """Return the sessions of which no other journal has as much."""
-    elsewhere: dict[Key, tuple[bool, int, int, int, int]] = {}
+    """Return the sessions of which no other journal has as much, from an owner as late."""
+    elsewhere: dict[Key, list[Copy]] = {}
     for copy in (copy for other, copies in held.items() if other != path for copy in copies):
-        elsewhere[copy.key] = max(copy.progress, elsewhere.get(copy.key, copy.progress))
+        elsewhere.setdefault(copy.key, []).append(copy)
     return [
         "/".join(copy.key)
         for copy in held[path]
-        if copy.key not in elsewhere or elsewhere[copy.key] < copy.progress
+        if not any(
+            other.progress >= copy.progress and other.owner_epoch >= copy.owner_epoch
+            for other in elsewhere.get(copy.key, ())
+        )
     ]
 
 

@@ -20,6 +20,13 @@ from harness.demonstrations import guided
 pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
 BETWEEN_MS = 200  # the two clicks, as of a hand: the first one has mostly been answered by then
+DOUBLE_MS = 500  # as AGAIN_MS of clicks.js
+TRIES = 20  # of a double click, which a busy machine may do too slowly
+HELD = 12  # how often a key that is held down repeats itself
+WHEN_PRESSED = """() => {
+  if (!window.pressed) addEventListener("pointerdown", ({ timeStamp }) => window.pressed.push(timeStamp), true);
+  window.pressed = [];
+}"""
 
 
 @pytest.fixture(scope="module")
@@ -44,16 +51,19 @@ def now(caesura: Caesura) -> Snapshot:
     return caesura.snapshot("cell-1", "over")
 
 
-def click_twice(page: Page, button: Locator) -> None:
-    """At one place, whatever stands there by the second click."""
+def click_twice(page: Page, button: Locator) -> bool:
+    """At one place, whatever stands there by the second click; whether that came in time for a double one."""
     button.scroll_into_view_if_needed()
     button.hover()
     box = button.bounding_box()
     assert box is not None
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.evaluate(WHEN_PRESSED)
     page.mouse.click(x, y)
     page.wait_for_timeout(BETWEEN_MS)
     page.mouse.click(x, y)
+    first, second = page.evaluate("() => window.pressed")
+    return bool(second - first < DOUBLE_MS)
 
 
 def test_a_double_click_on_delete_deletes(page: Page, taught: Caesura):
@@ -66,6 +76,64 @@ def test_a_double_click_on_delete_deletes(page: Page, taught: Caesura):
     expect(page.locator(".saved")).to_contain_text("Restored.")
     assert now(taught).status.description.deleted is False
     assert now(taught).status.described == 2
+
+
+def open_first(page: Page) -> Locator:
+    card = page.locator(".app").first
+    card.locator(".app-edit summary").press("Enter")
+    expect(card.locator(".duplicate")).to_be_enabled()
+    return card
+
+
+def undo_the_edit(page: Page) -> None:
+    page.locator(".undo-edit").press("Enter")
+    expect(page.locator(".program-said")).to_have_text("Undo done.")
+
+
+def apps(caesura: Caesura) -> list[str]:
+    return [app.kind for app in now(caesura).program.apps]
+
+
+def test_a_double_click_on_copy_makes_one_copy(page: Page, taught: Caesura):
+    copy = open_first(page).locator(".duplicate")
+    copy.press("Enter")  # from the first edit on nothing on the page moves at the next ones
+    expect(page.locator(".program-said")).to_contain_text("duplicated")
+    before = apps(taught)
+    for _ in range(TRIES):
+        was_in_time = click_twice(page, copy)
+        expect(page.locator(".program-said")).to_contain_text("duplicated")
+        expect(copy).to_be_enabled()
+        undo_the_edit(page)
+        if was_in_time:
+            break
+        while apps(taught) != before:
+            undo_the_edit(page)
+    assert apps(taught) == before, "one undo takes it back"
+
+
+def test_a_double_click_on_yes_states_success_and_a_held_key_takes_it_back_once(page: Page, taught: Caesura):
+    page.locator(".description summary").press("Enter")
+    yes = page.locator(".description .yes")
+    for _ in range(TRIES):
+        was_in_time = click_twice(page, yes)
+        expect(page.locator(".saved")).to_contain_text("Saved.")
+        if was_in_time:
+            break
+        page.reload()
+        page.locator(".description summary").press("Enter")
+        if now(taught).status.description.success:
+            yes.press("Enter")
+            expect(yes).to_have_attribute("aria-pressed", "false")
+            expect(page.locator(".saved")).to_contain_text("Saved.")
+    expect(yes).to_have_attribute("aria-pressed", "true")
+    assert now(taught).status.description.success is True
+    yes.focus()
+    for _ in range(HELD):  # pressed so often it would state success again
+        page.keyboard.down("Enter")
+    page.keyboard.up("Enter")
+    expect(yes, "a key that is held down presses once").to_have_attribute("aria-pressed", "false")
+    expect(page.locator(".saved")).to_contain_text("Saved.")
+    assert now(taught).status.description.success is None
 
 
 def test_what_only_looks_takes_every_click(page: Page):

@@ -1,13 +1,20 @@
 // A double click presses one button. Where a click has changed something, another button may stand at its place at once,
-// such as Restore in the place of Delete: for half a second a click there is none. A second click on the same button counts.
+// such as Restore in the place of Delete: for half a second a click there presses none. The same button, pressed again,
+// would do it again, such as Copy, or take it back, such as Yes. Only one of class `repeats` counts twice, such as Undo.
 const AGAIN_MS = 500, NEAR = 16; // pixels
 const UNDER_WAY_MS = 100; // so soon after a click what it changes is asked for
 let last = null, counted = null; // clicks, the latter the last one that has changed something
 
-const labelOf = ({ target }) => target.closest?.("button, summary, a")?.textContent.trim() ?? null;
+const buttonOf = ({ target }) => target.closest?.("button, summary, a") ?? null;
+const labelOf = (button) => button.textContent.trim();
 
-const isAnother = (event) => counted !== null && event.timeStamp - counted.at < AGAIN_MS &&
-  Math.hypot(event.clientX - counted.x, event.clientY - counted.y) <= NEAR && ![null, counted.label].includes(labelOf(event));
+const isAnother = (event) => {
+  if (counted === null || event.timeStamp - counted.at >= AGAIN_MS) return false;
+  if (Math.hypot(event.clientX - counted.x, event.clientY - counted.y) > NEAR) return false;
+  const button = buttonOf(event);
+  if (button === null) return false;
+  return !(button === counted.button && button.matches(".repeats") && labelOf(button) === counted.label);
+};
 
 document.addEventListener("click", (event) => {
   if (event.detail === 0) return (last = null); // of the keyboard
@@ -15,10 +22,22 @@ document.addEventListener("click", (event) => {
     event.preventDefault();
     return event.stopPropagation();
   }
-  last = { x: event.clientX, y: event.clientY, at: event.timeStamp, label: labelOf(event) };
+  const button = buttonOf(event);
+  last = { x: event.clientX, y: event.clientY, at: event.timeStamp, button, label: button && labelOf(button) };
 }, true);
 
-// Something is changed: by the last click, if one is under way.
+// A key that is held down repeats itself: once it has changed something, it does nothing more until it is pressed anew.
+let isHeld = false;
+
+document.addEventListener("keydown", (event) => {
+  if (!event.repeat) return (isHeld = false);
+  if (!isHeld) return;
+  event.preventDefault();
+  event.stopPropagation();
+}, true);
+
+// Something is changed: by the last click, if one is under way, or by a key that is held.
 export const changes = () => {
   if (last !== null && performance.now() - last.at < UNDER_WAY_MS) counted = last;
+  isHeld = true;
 };

@@ -30,8 +30,8 @@ export default {
           <label>Program name <input class="program-name" v-model="name" maxlength="120" placeholder="unnamed" autocomplete="off"
             @change="rename"></label>
           <conflict v-if="nameConflict" :words="nameConflict.words" :busy="busy" @anyway="renameAnyway" @new-value="takeNewName"></conflict>
-          <button v-show="program.undoable" class="undo-edit" :disabled="busy" @click="say({ do: 'undo' })">Undo edit</button>
-          <button v-show="program.redoable" class="redo-edit" :disabled="busy" @click="say({ do: 'redo' })">Redo edit</button>
+          <button v-show="program.undoable" class="undo-edit repeats" :disabled="busy" @click="say({ do: 'undo' })">Undo edit</button>
+          <button v-show="program.redoable" class="redo-edit repeats" :disabled="busy" @click="say({ do: 'redo' })">Redo edit</button>
         </template>
         <label v-if="program.grippers.length">Gripper <select class="gripper" v-model="gripper"><option value="">not stated</option>
           <option v-for="[one, title] in program.grippers" :key="one" :value="one">{{ title }}</option></select></label>

@@ -39,8 +39,8 @@ export default {
         <conflict v-if="conflict" :words="conflict.words" :busy="busy" @anyway="saveAnyway" @new-value="takeNew"></conflict>
       </form>
       <div v-if="open" class="row" role="group" :aria-label="'Place of app ' + app.number">
-        <button :disabled="busy || !app.earlier" :aria-label="'Run app ' + app.number + ' earlier'" @click="move(app.earlier)">◀</button>
-        <button :disabled="busy || !app.later" :aria-label="'Run app ' + app.number + ' later'" @click="move(app.later)">▶</button>
+        <button class="repeats" :disabled="busy || !app.earlier" :aria-label="'Run app ' + app.number + ' earlier'" @click="move(app.earlier)">◀</button>
+        <button class="repeats" :disabled="busy || !app.later" :aria-label="'Run app ' + app.number + ' later'" @click="move(app.later)">▶</button>
         <button class="duplicate" :disabled="busy" :aria-label="'Duplicate app ' + app.number" @click="say({ do: 'duplicate', app: app.reference })">Copy</button>
         <button class="delete" :disabled="busy" :aria-label="'Delete app ' + app.number" @click="say({ do: 'delete', app: app.reference })">Delete</button>
       </div>

@@ -39,6 +39,7 @@ from caesura_protocol.messages import (
     DeleteApp,
     Describe,
     Description,
+    DescriptionAuthor,
     DuplicateApp,
     Edit,
     EditEffect,
@@ -194,6 +195,8 @@ def examples() -> dict[str, Message]:
         capped=0,
         budgets=budgets,
         description=description,
+        described=1,
+        described_by=(DescriptionAuthor(field="task", author="Ann"),),
         opened=1767225600.25,
     )
     via = ViaPoint(
@@ -354,6 +357,7 @@ def examples() -> dict[str, Message]:
         closing,
         edit,
         description,
+        *status.described_by,
         describe,
         start,
         Stop(session=SESSION, success=True),

@@ -60,6 +60,10 @@ class Beside:
         for value in values.values():
             expect(line, "the page follows").to_contain_text(str(value))
 
+    def carol_notes(self, note: str) -> None:
+        self._caesura.describe(self._station, "over", author="Carol", note=note)
+        expect(self.page.locator(".description summary"), "the page follows").to_contain_text(note)
+
     def open_form(self) -> Locator:
         card = self.page.locator(".app").last
         card.locator(".app-edit summary").press("Enter")
@@ -163,9 +167,10 @@ def test_a_task_that_another_operator_has_named_meanwhile_is_asked_for(beside: B
     task = form.locator(".name-task")
     task.press_sequentially("wipe")
     beside.bob_states(task="polish")
+    beside.carol_notes("mind the cable")
     task.press("Enter")
     conflict = form.locator(".conflict")
-    said = "Not saved: another operator has set the task to 'polish' meanwhile; you set it to 'wipe'."
+    said = "Not saved: Bob has set the task to 'polish' meanwhile; you set it to 'wipe'."
     expect(conflict.locator("p")).to_have_text(said)
     assert beside.stated.task == "polish"
     expect(task, "what was typed is kept").to_have_value("wipe")

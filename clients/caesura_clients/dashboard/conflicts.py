@@ -15,10 +15,10 @@ from caesura_protocol.messages import (
     App,
     ChangeApp,
     Describe,
-    Description,
     EditProgram,
     NameProgram,
     Program,
+    SessionStatus,
 )
 
 Values = Mapping[str, Any]
@@ -38,15 +38,18 @@ class EditConflict(EditRefused):
         self.found = found
 
 
-def redescribed(command: Describe, present: Description) -> Describe:
+def redescribed(command: Describe, status: SessionStatus) -> Describe:
     """Return the same change to the current description. Raises EditConflict."""
+    present, authors = status.description, {one.field: one.author for one in status.described_by}
     before, wanted = dict(command.before), dict(command.description)
     typed = {name: value for name, value in wanted.items() if value != before[name]}
     now = dict(present)
     found = {name: now[name] for name, value in typed.items() if now[name] not in (before[name], value)}
     if found:
         words = [
-            _met_in_words(UNKNOWN_AUTHOR, name, _stated(name, now[name]), _stated(name, typed[name]))
+            _met_in_words(
+                authors.get(name, UNKNOWN_AUTHOR), name, _stated(name, now[name]), _stated(name, typed[name])
+            )
             for name in found
         ]
         raise EditConflict(_refusal(words), found)

@@ -56,10 +56,10 @@ class DemonstrationDesk:
             except ProtocolError as refusal:
                 if attempt == ATTEMPTS or refusal.code != "conflict":
                     raise
-                present = snapshot(self._transport, station, command.session).status.description
-                if present == command.before:  # another conflict
+                status = snapshot(self._transport, station, command.session).status
+                if status.description == command.before:  # another conflict
                     raise
-                command = redescribed(command, present)
+                command = redescribed(command, status)
             else:
                 return
 

@@ -84,6 +84,7 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 AppField = Literal[
     "name", "note", "target", "target_name", "speed", "force_n", "tolerance_m", "gripper_width"
 ]
+DescriptionField = Literal["task", "operator", "note", "tags", "success", "deleted"]
 ChangedField = AppField | Literal["place", "added", "taught_again"]
 EditState = Literal["applied", "not_applied", "undone"]  # of a correction, or of an edit of a program
 T = TypeVar("T")

@@ -11,6 +11,7 @@ from caesura_protocol.messages.field_types import (
     Author,
     Columns,
     Count,
+    DescriptionField,
     ForceFrame,
     ForceLimit,
     HandOnRobot,
@@ -38,6 +39,13 @@ class Description(Message):
     tags: Annotated[Listed[Tag], Field(max_length=MAX_TAGS)] = ()
     success: bool | None = None  # None: not stated
     deleted: bool = False  # lists leave it out; its samples stay until the journal's limits remove them
+
+
+class DescriptionAuthor(Message):
+    """Author of the present value of a field of a description."""
+
+    field: DescriptionField
+    author: Author
 
 
 class Open(Message):

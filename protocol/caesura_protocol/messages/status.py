@@ -24,7 +24,7 @@ from caesura_protocol.messages.field_types import (
 from caesura_protocol.messages.limits import MAX_BUDGETS
 from caesura_protocol.messages.message import Message
 from caesura_protocol.messages.results import Gap, Result
-from caesura_protocol.messages.sessions import Description
+from caesura_protocol.messages.sessions import Description, DescriptionAuthor
 
 
 class WrenchReport(Message):
@@ -103,6 +103,7 @@ class SessionStatus(Result):
     budgets: StationBudgets | None = None  # of its station; None from an older service
     description: Description = Description()  # what people state about it
     described: Count = 0  # how often `Describe` has changed that
+    described_by: Listed[DescriptionAuthor] = ()  # of its fields that `Describe` has changed
     opened: Seconds | None = None  # [s] time of day (UTC) of its opening; None where that is not known
 
 

@@ -16,6 +16,7 @@ from caesura_protocol.messages import (
     App,
     Changepoints,
     Description,
+    DescriptionAuthor,
     Hints,
     Posterior,
     Program,
@@ -71,6 +72,7 @@ class SessionState(NamedTuple):
     redoable: bool = False
     description: Description = Description()
     described: int = 0  # changes of the description so far
+    described_by: tuple[DescriptionAuthor, ...] = ()  # of the fields that `Describe` has changed
     opened: float | None = None  # [s] time of day of its first opening
     program_edits: EditLog = EditLog()
 
@@ -89,6 +91,19 @@ class SessionState(NamedTuple):
         return self._replace(
             view=self.view._replace(samples=self.view.samples + samples),
             counters=self.counters._replace(batches=self.counters.batches + batches),
+        )
+
+    def with_description(self, description: Description, author: str | None = None) -> SessionState:
+        """Return the state with another description. author: of a `Describe`; None: it is no such command."""
+        before = dict(self.description)
+        changed = [name for name, value in description if value != before[name]]
+        authors = {one.field: one for one in self.described_by if one.field not in changed}
+        if author is not None:
+            named = [DescriptionAuthor.model_validate({"field": name, "author": author}) for name in changed]
+            authors |= {one.field: one for one in named}
+        described = self.described + (author is not None)
+        return self._replace(
+            description=description, described=described, described_by=tuple(authors.values())
         )
 
     def header(self, stream: Stream) -> dict[str, Any]:
@@ -137,6 +152,7 @@ def status_of(state: SessionState) -> SessionStatus:
         redoable=state.redoable,
         description=state.description,
         described=state.described,
+        described_by=state.described_by,
         opened=state.opened,
     )
 

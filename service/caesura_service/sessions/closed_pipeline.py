@@ -128,6 +128,7 @@ def state_from_snapshot(snapshot: Snapshot, owner: Owner) -> SessionState:
         redoable=status.redoable,
         description=status.description,
         described=status.described,
+        described_by=status.described_by,
         opened=status.opened,
         program_edits=log_of(snapshot.program),
     )

@@ -250,10 +250,9 @@ class PipelineHost:
         self._program_t, self._program_pending = observed_until_s(self.state.view), False
         return [*outputs]
 
-    def describe(self, description: Description, *, changes: int = 1) -> Publish:
-        """Replace the description, and publish it. changes: how many `Describe` this counts as."""
-        described = self.state.described + changes
-        self.state = self.state._replace(description=description, described=described)
+    def describe(self, description: Description, author: str | None = None) -> Publish:
+        """Replace the description, and publish it. author: of a `Describe`; None: it is no such command."""
+        self.state = self.state.with_description(description, author)
         return self.publish_status()
 
     def check_program_edit(self, command: EditProgram, at: float) -> None:

@@ -368,7 +368,7 @@ class Session:
         self._journal.append(close, now)
         if close.success is not None:
             stated = self.state.description.model_copy(update={"success": close.success})
-            return [self._host.describe(stated, changes=0), *self._finish()]
+            return [self._host.describe(stated), *self._finish()]
         return self._finish()
 
     def _receive_change(self, change: Edit | Preview | Describe | EditProgram, now: float) -> list[Output]:
@@ -415,7 +415,7 @@ class Session:
             raise ProtocolError("conflict", why)
         self._check_records_exist()
         self._journal.append(command, now)
-        status = self._host.describe(command.description)
+        status = self._host.describe(command.description, command.author)
         self._store_outcome()
         return [status, self._ack()]
 

@@ -30,8 +30,10 @@ def registry_on(path: Path, peers: PeerJournals | None = None) -> Iterator[Regis
         yield registry
 
 
-def describe(registry: Registry, before: Description, description: Description) -> Ack | ProtocolError:
-    command = Describe(session=NAME, author="Ann", before=before, description=description)
+def describe(
+    registry: Registry, before: Description, description: Description, author: str = "Ann"
+) -> Ack | ProtocolError:
+    command = Describe(session=NAME, author=author, before=before, description=description)
     return answer(registry.handle_command(STATION, command, OPENED + 60.0))
 
 
@@ -77,6 +79,30 @@ def test_a_change_is_published_and_kept_over_a_restart(tmp_path, is_closed):
         assert (status(registry).description, status(registry).opened) == (renamed, OPENED)
         assert isinstance(describe(registry, renamed, before), Ack), "which is undo"
         assert status(registry).description == before
+
+
+@pytest.mark.parametrize("is_closed", [False, True])
+def test_each_field_has_the_name_of_who_changed_it_last_also_after_a_restart(tmp_path, is_closed):
+    noted = WIPE.model_copy(update={"note": "mind the cable"})
+    renamed = noted.model_copy(update={"task": "wipe the table", "tags": ()})
+    with registry_on(tmp_path / "a.sqlite") as registry:
+        opened(registry, WIPE)
+        assert status(registry).described_by == (), "an opening has no author"
+        describe(registry, WIPE, noted, author="Bob")
+        describe(registry, noted, renamed, author="Ann")
+        if is_closed:
+            closed(registry)
+    with registry_on(tmp_path / "a.sqlite") as registry:
+        authors = {one.field: one.author for one in status(registry).described_by}
+    assert authors == {"note": "Bob", "task": "Ann", "tags": "Ann"}
+
+
+def test_a_success_that_a_bridge_states_has_no_author(tmp_path):
+    with registry_on(tmp_path / "a.sqlite") as registry:
+        opened(registry)
+        describe(registry, NOTHING, Description(success=False, task="wipe"))
+        closed(registry, success=True)
+        assert [one.field for one in status(registry).described_by] == ["task"]
 
 
 def test_a_description_that_another_operator_changed_is_not_overwritten(tmp_path):

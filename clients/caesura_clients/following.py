@@ -16,6 +16,7 @@ import time
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
+from queue import SimpleQueue
 
 from caesura_clients.program_decoder import ProgramDecoder
 from caesura_clients.query import services, snapshots
@@ -52,6 +53,7 @@ class ServiceAvailability:
     state: Change
 
 
+Key = tuple[str, str]  # station and session
 Event = Update | SessionRemoved | ServiceAvailability
 
 
@@ -84,10 +86,12 @@ def events(
     refresh_s: float = 2.0,
     silence_s: float | None = None,
     over: threading.Event | None = None,
+    doubted: SimpleQueue[Key] | None = None,
 ) -> Generator[Event, None, None]:
     """Yield the updates of `follow`, removed sessions, and changes of the service's availability.
 
-    over: set by another thread, it ends the iteration within `refresh_s`.
+    over: set by another thread, it ends the iteration within `refresh_s`. doubted: sessions that the service
+    may no longer hold, from another thread; they are queried within `refresh_s`.
     """
     with _listening(transport, station, session) as inbox:
         follower = _Follower(transport, station, session, refresh_s)
@@ -103,6 +107,8 @@ def events(
                 yield from follower.receive(item)
             elif isinstance(item, TokenChange):
                 yield from follower.apply_liveliness(item)
+            while doubted is not None and not doubted.empty():
+                follower.doubt(doubted.get())
             yield from follower.refresh_silent()
 
 
@@ -113,8 +119,8 @@ class _Follower:
         self._transport = transport
         self._station = station
         self._session = session
-        self._readers: dict[tuple[str, str], SessionReader] = {}
-        self._backoff: RefreshBackoff[tuple[str, str]] = RefreshBackoff(
+        self._readers: dict[Key, SessionReader] = {}
+        self._backoff: RefreshBackoff[Key] = RefreshBackoff(
             refresh_s
         )  # of sessions, and of all of them
         self._shares: TimeShares[str] = TimeShares()  # of stations
@@ -143,6 +149,11 @@ class _Follower:
         self._backoff.remove(ALL)
         yield from self._remove_missing(set(self._readers) - _keys(known))
 
+    def doubt(self, key: Key) -> None:
+        """Query a session at the next occasion."""
+        if key in self._readers:
+            self._backoff.hasten(key)
+
     def refresh_silent(self) -> Iterator[Event]:
         """Query the sessions without recent messages; yield as `refresh`."""
         due = self._backoff.due()
@@ -153,7 +164,7 @@ class _Follower:
             if self._shares.allows(station):
                 yield from self._refresh_station(station, {key for key in due if key[0] == station})
 
-    def _refresh_station(self, station: str, keys: set[tuple[str, str]]) -> Iterator[Event]:
+    def _refresh_station(self, station: str, keys: set[Key]) -> Iterator[Event]:
         """Query sessions of a station, by one query if there are several."""
         (_, session), *others = sorted(keys)
         with self._shares.charged(station):
@@ -190,7 +201,7 @@ class _Follower:
             if reader.restart(snapshot) == "changed" and reader.update is not None:
                 yield reader.update
 
-    def _record_query(self, key: tuple[str, str], *, answered: bool) -> None:
+    def _record_query(self, key: Key, *, answered: bool) -> None:
         update = self._reader(*key).update
         if not answered:
             self._backoff.retry_after_silence(key)
@@ -200,10 +211,13 @@ class _Follower:
             self._backoff.back_off(key)
 
     def _remove_missing(
-        self, missing: set[tuple[str, str]], station: str | None = None
+        self, missing: set[Key], station: str | None = None
     ) -> Iterator[SessionRemoved]:
         """Remove the sessions of a station that a second, complete query does not return either."""
         again = self._ask(station, complete=True) if missing else None
+        if again is None:
+            for key in missing:
+                self._backoff.retry_after_silence(key)
         if again is None or not self._is_served():
             return
         for key in sorted(missing - _keys(again)):
@@ -253,7 +267,7 @@ class _Follower:
         return self._readers.setdefault((station, session), SessionReader())
 
 
-def _keys(known: Iterable[Snapshot]) -> set[tuple[str, str]]:
+def _keys(known: Iterable[Snapshot]) -> set[Key]:
     return {(one.status.station, one.status.session) for one in known}
 
 

@@ -47,6 +47,10 @@ class RefreshBackoff(Generic[K]):
         wait_s = min(2.0 * known.wait_s, LONGEST_S) if known else self._silence_s
         self._waiting[key] = _Waiting(self._clock() + wait_s, wait_s)
 
+    def hasten(self, key: K) -> None:
+        """Make the query of a key due now."""
+        self._waiting[key] = _Waiting(self._clock(), self._silence_s)
+
     def remove(self, key: K) -> None:
         """Stop querying a key."""
         self._waiting.pop(key, None)

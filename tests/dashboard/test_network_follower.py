@@ -95,6 +95,24 @@ def test_a_station_that_opens_many_sessions_is_asked_for_its_program_once_a_seco
         assert answering.asked.count(program) == 2
 
 
+def holds(answering, *sessions):
+    """The service holds these closed sessions, and publishes nothing of those that go."""
+    answering.snapshots = [snapshot(1, session=name, state="closed", opened=None) for name in sessions]
+    status = {"sessions_open": 0, "sessions_closed": len(sessions)}
+    answering.answers[STATUS] = encode(example(ServiceStatus).model_copy(update=status))
+
+
+def test_a_closed_session_that_the_service_holds_no_longer_is_dropped_at_once(gateway, answering):
+    holds(answering, "s1", "s2", "s3")
+    for one in answering.snapshots:
+        answering.put(one.status)
+    eventually(lambda: len(gateway.world.updates) == 3)
+    holds(answering, "s2", "s3")
+    eventually(lambda: set(gateway.world.updates) == {(station(), "s2"), (station(), "s3")})
+    holds(answering)
+    eventually(lambda: gateway.world.updates == {})
+
+
 def test_what_there_was_before_is_known(gateway):
     update = gateway.world.update(station())
     assert [one.kind for one in update.segments] == ["motion"]

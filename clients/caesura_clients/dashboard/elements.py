@@ -61,7 +61,7 @@ class LiveElement(Element, esm={PACKAGE: str(WEB)}):
 
     def allow(self, *, editable: bool, why: str = "") -> None:
         """Make the component editable or read-only. why: a sentence on the reason for read-only."""
-        if self._props.get("editable") != editable:
+        if (self._props.get("editable"), self._props.get("why", "")) != (editable, why):
             self._props |= {"editable": editable, "why": why}
             self.update()
 

@@ -17,12 +17,13 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
+from queue import SimpleQueue
 from typing import Any
 
 from caesura_clients.dashboard.signal_ring import SignalRing
 from caesura_clients.dashboard.station_summary import DashboardState, NewestSamples
 from caesura_clients.dashboard.system import rates
-from caesura_clients.following import Event, SessionRemoved, events
+from caesura_clients.following import Event, Key, SessionRemoved, events
 from caesura_clients.parallel_sessions import ParallelSessions
 from caesura_clients.query import current_sessions, samples, service_status, stored_snapshots
 from caesura_clients.repeating_threads import RepeatingThreads
@@ -71,6 +72,8 @@ class NetworkFollower(RepeatingThreads):
         self._unsure: set[str] = set()  # stations to ask again for, which session of each is current
         self._asked: dict[str, float] = {}  # when [s] a station was asked for last
         self.received: dict[str, NewestSamples] = {}
+        self._doubted: SimpleQueue[Key] = SimpleQueue()  # sessions that may have gone
+        self._counts = (0, 0)  # sessions that are known here, and that the services hold
         self._parallel = ParallelSessions()
         self._rings: dict[str, SignalRing] = {}
         self._posteriors: dict[str, deque[Posterior]] = {}
@@ -142,7 +145,9 @@ class NetworkFollower(RepeatingThreads):
     # --- results ---
 
     def _follow_results(self) -> None:
-        with closing(events(self.transport, refresh_s=self._refresh_s, over=self._over)) as reported:
+        doubted = self._doubted
+        stream = events(self.transport, refresh_s=self._refresh_s, over=self._over, doubted=doubted)
+        with closing(stream) as reported:
             for event in reported:
                 self._take(event)
                 self._trouble("results")
@@ -282,10 +287,30 @@ class NetworkFollower(RepeatingThreads):
             before, then = self.world.services, asked_at
             services, asked_at = tuple(service_status(self.transport)), self.clock()
             self._change(services=services, rates=rates(before, services, asked_at - then))
+            self._doubt_sessions()
             for station in filter(self._may_ask, tuple(self._unsure)):
                 self._ask_current(station)
             self._trouble("services")
             self._over.wait(POLL_S)
+
+    def _doubt_sessions(self) -> None:
+        """Have sessions queried where the services hold fewer than are known: one that goes is not published.
+
+        The oldest closed ones of a station go first.
+        """
+        updates, services = self.world.updates, self.world.services
+        counts = len(updates), sum(one.sessions_open + one.sessions_closed for one in services)
+        if counts == self._counts:  # they were queried already
+            return
+        self._counts, excess = counts, counts[0] - counts[1]
+        closed: dict[str, list[Update]] = {}
+        for update in updates.values():
+            if update.closed:
+                closed.setdefault(update.station, []).append(update)
+        for station, sessions in closed.items():
+            oldest = sorted(sessions, key=lambda one: one.status.opened or 0.0)
+            for update in oldest[: max(0, excess)]:
+                self._doubted.put((station, update.session))
 
     def _change(self, **changes: Any) -> None:
         with self._changing:

@@ -44,6 +44,7 @@ ONLY_READ = (
     "Newer sessions have taken the place of this one in the service: it can be read, exported and replayed, "
     "and cannot be changed."
 )
+GONE = "The service no longer holds this session, and it cannot be changed."
 
 
 class SessionPage:
@@ -126,11 +127,13 @@ class SessionPage:
             self._reads = True  # newer ones took its place while it was shown
             background_tasks.create(self._read_again(self._session))
         self._is_known = self._is_known or update is not None
-        may = named in world.updates or named not in world.stored
+        is_stored = named in world.stored
+        may = self._session is None or named in world.updates or not (is_stored or self._is_known)
+        why = "" if may else ONLY_READ if is_stored else GONE
         tools = {self._view: self._corrector, self._form: self._desk, self._program: self._program_desk}
         for element, desk in tools.items():
             if desk is not None:
-                element.allow(editable=may, why=ONLY_READ)
+                element.allow(editable=may, why=why)
 
     async def _read_again(self, session: str) -> None:
         with suppress(CaesuraError, ProtocolError):  # the page states that it is not known

@@ -190,6 +190,12 @@ class ProgramTimeline(LiveElement, component="web/program.js"):
             self._known = timeline
             self.send(payload)
 
+    def clear(self) -> None:
+        """Show no program: its session is not there any more."""
+        if self.is_free and self._known:
+            self._known = {}
+            self.send({"gone": True})
+
     def _begin(self) -> None:
         super()._begin()
         self._known = {}

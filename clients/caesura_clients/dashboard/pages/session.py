@@ -117,7 +117,9 @@ class SessionPage:
             self._start_stop.show(self._controls() | state)
         self._form.show(self._description())
         self._view.follow(update, self._more(update))
-        if update is not None:
+        if update is None:
+            self._program.clear()
+        else:
             self._show_program(update.program)
 
     def _offer_tools(self, update: Update | None) -> None:

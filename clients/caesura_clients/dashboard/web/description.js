@@ -6,6 +6,7 @@ import { changes as counted } from "caesura-dashboard/clicks.js";
 import Conflict from "caesura-dashboard/conflict.js";
 import { live } from "caesura-dashboard/live.js";
 import { dayAndTime } from "caesura-dashboard/numbers.js";
+import { unsaved } from "caesura-dashboard/unsaved.js";
 
 const AUTHOR = "caesura-author";
 const empty = () => ({ task: null, operator: null, note: null, tags: [], success: null, deleted: false });
@@ -19,7 +20,7 @@ const isSame = (one, other) => JSON.stringify(one) === JSON.stringify(other);
 const unfilled = () => ({ task: "", operator: "", note: "", tags: "" });
 
 export default {
-  mixins: [live],
+  mixins: [live, unsaved],
   components: { Conflict },
   props: { editable: Boolean, live: Boolean },
   emits: ["ask"],
@@ -80,6 +81,9 @@ export default {
     },
     fill(name, description) {
       this.draft[name] = this.filled[name] = asText(description[name]);
+    },
+    isUnsaved() {
+      return this.editable && (this.asked.length > 0 || this.refused !== null || FIELDS.some((name) => this.draft[name] !== this.filled[name]));
     },
     isAsking() {
       return this.asked.some((one) => one.session === this.session);

@@ -1,11 +1,14 @@
 // The form of a new app, behind another one or first: what is not typed is that of the app beside it.
+import { unsaved } from "caesura-dashboard/unsaved.js";
+
 const MM = 1000;
 const NEW = { name: "", target: ["", "", ""], force: [0, 0, ""], gripper_width: "", seconds: 2 }; // until others are typed
 
 export default {
+  mixins: [unsaved],
   props: { behind: Object, near: Object, kinds: Array, busy: Boolean }, // near: whose target it has where none is typed
   emits: ["edit"],
-  data: () => ({ kind: "", fresh: structuredClone(NEW) }),
+  data: () => ({ kind: "", fresh: structuredClone(NEW), added: JSON.stringify(NEW) }), // added: what is there already
   template: `
     <form class="new-app" :aria-label="behind ? 'New app behind app ' + behind.number : 'New first app'" @submit.prevent="insert">
       <label>{{ behind ? "New app behind it" : "Kind" }} <select v-model="kind"><option value="">choose</option>
@@ -39,7 +42,11 @@ export default {
     states(name) {
       return this.stated.includes(name);
     },
+    isUnsaved() {
+      return this.kind !== "" && ![JSON.stringify(NEW), this.added].includes(JSON.stringify(this.fresh));
+    },
     insert() {
+      this.added = JSON.stringify(this.fresh);
       const { fresh, near, behind } = this, name = fresh.name.trim();
       const given = {
         target: this.isMoved && fresh.target.map((value, i) => (value === "" ? near.target[i] : value / MM)),

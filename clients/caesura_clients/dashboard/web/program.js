@@ -6,13 +6,14 @@ import NewApp from "caesura-dashboard/new_app.js";
 import AppCard from "caesura-dashboard/program_card.js";
 import ProgramPath from "caesura-dashboard/program_path.js";
 import ProgramVersions from "caesura-dashboard/program_versions.js";
+import { unsaved } from "caesura-dashboard/unsaved.js";
 
 const AUTHOR = "caesura-author";
 const NEAR = 60; // pixels
 const gripperKey = () => `caesura-gripper/${location.pathname.split("/")[2]}`; // of the station, which has one gripper
 
 export default {
-  mixins: [live],
+  mixins: [live, unsaved],
   components: { AppCard, Conflict, NewApp, ProgramPath, ProgramVersions },
   props: { editable: Boolean, speeds: Array },
   emits: ["edit", "simulate", "cancel", "compare"],
@@ -78,8 +79,12 @@ export default {
     },
   },
   methods: {
+    isUnsaved() {
+      return this.editable && this.program !== null && (this.asked !== null || this.name.trim() !== this.nameSeen.trim());
+    },
     key: (app) => Object.values(app.reference).slice(0, 2).concat(app.reference.added).join(),
     apply(payload) { // what changed: values by their names, rows from a number on
+      if (payload.gone) return Object.assign(this, { program: null, message: "" }); // its session is held no longer
       const held = this.program || {}, now = { ...held, ...payload };
       for (const name of ["apps", "path"]) {
         if (payload[name]) now[name] = this.rows(held[name] || [], payload[name], now.before);

@@ -4,6 +4,7 @@
 // says what it was typed over, so that it does not overwrite what another operator has set there.
 import Conflict from "caesura-dashboard/conflict.js";
 import NewApp from "caesura-dashboard/new_app.js";
+import { unsaved } from "caesura-dashboard/unsaved.js";
 
 const MM = 1000;
 const FIELDS = {
@@ -17,6 +18,7 @@ const TEXTS = ["name", "note", "target_name"], AXES = [0, 1, 2], TARGET_ROUNDED 
 const alike = (one, other, rounded) => one === other || (typeof one === "number" && typeof other === "number" && Math.abs(one - other) <= 1.01 * rounded);
 
 export default {
+  mixins: [unsaved],
   components: { Conflict, NewApp },
   props: { app: Object, sessions: Array, kinds: Array, busy: Boolean },
   inject: ["appsShown"],
@@ -71,6 +73,9 @@ export default {
     },
   },
   methods: {
+    isUnsaved() {
+      return this.open && this.draft !== null && this.changed;
+    },
     toggled(open) {
       this.open = open;
       if (open) Object.assign(this, { draft: this.start(this.app), base: this.start(this.app), sent: {}, conflict: null, last: this.app.number, session: "" });

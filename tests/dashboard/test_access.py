@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from typing import Any
+from urllib.parse import parse_qs, urlencode
 
 import pytest
 
@@ -22,7 +23,7 @@ async def inner(scope: Any, receive: Any, send: Any) -> None:
     await send({"type": "http.response.body", "body": b"inside"})
 
 
-def ask(guarded, path="/", *, method="GET", kind="http", body=b"", peer="127.0.0.1", **headers):
+def ask(guarded, path="/", *, query=b"", method="GET", kind="http", body=b"", peer="127.0.0.1", **headers):
     """Status (or close code), headers and body of an answer."""
     sent: list[dict[str, Any]] = []
 
@@ -37,6 +38,7 @@ def ask(guarded, path="/", *, method="GET", kind="http", body=b"", peer="127.0.0
         "type": kind,
         "method": method,
         "path": path,
+        "query_string": query,
         "client": (peer, 50000),
         "headers": [(name.encode(), value.encode()) for name, value in named.items()],
     }
@@ -107,6 +109,28 @@ def test_the_password_opens_it_and_another_does_not(locked):
     assert (status, headers["location"]) == (303, "/")
     assert "HttpOnly; SameSite=Strict" in headers["set-cookie"]
     assert ask(locked, "/system", cookie=headers["set-cookie"].partition(";")[0])[2] == b"inside"
+
+
+@pytest.mark.parametrize(
+    ("asked", "leads_to"),
+    [
+        ("/sessions/cell-1/s1", "/sessions/cell-1/s1"),
+        ("//elsewhere.example/", "/"),
+        ("/\\elsewhere.example", "/"),
+        ("https://elsewhere.example", "/"),
+        ("/a\r\nset-cookie: b", "/a%0D%0Aset-cookie%3A%20b"),
+    ],
+)
+def test_the_login_leads_to_the_page_that_was_asked_for_and_to_no_other_site(locked, asked, leads_to):
+    query = urlencode({"to": asked}).encode()
+    login = {"method": "POST", "body": b"password=correct+horse", "query": query}
+    assert ask(locked, "/login", **login)[1]["location"] == leads_to
+
+
+def test_a_page_that_needs_a_login_is_named_in_its_address(locked):
+    location = ask(locked, "/compare", query=b"first=a/b&second=c/d")[1]["location"]
+    assert ask(locked, location.partition("?")[0])[0] == 200
+    assert parse_qs(location.partition("?")[2]) == {"to": ["/compare?first=a/b&second=c/d"]}
 
 
 def test_a_login_that_does_not_come_to_its_end_is_ended(locked, monkeypatch):

@@ -25,7 +25,7 @@ from collections import deque
 from collections.abc import Awaitable, Callable, Iterable, MutableMapping
 from http.cookies import CookieError, SimpleCookie
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, quote, urlencode, urlsplit
 
 from caesura_clients.dashboard.proxies import Proxies, address_of
 
@@ -58,7 +58,7 @@ _LOGIN = """<!doctype html><html lang="en"><head><title>Caesura</title>
 <meta name="viewport" content="width=device-width, initial-scale=1"><style>
 :root {{ color-scheme: light dark }} body {{ font: 16px/1.5 system-ui; max-width: 20rem; margin: 4rem auto }}
 input, button {{ font: inherit; padding: .5rem; width: 100%; box-sizing: border-box; margin: .3rem 0 }}
-</style></head><body><main><h1>Caesura</h1><form method="post" action="/login"><label>Password
+</style></head><body><main><h1>Caesura</h1><form method="post"><label>Password
 <input type="password" name="password" autocomplete="current-password" autofocus required></label>
 <button>Log in</button></form><p role="alert">{said}</p></main></body></html>"""
 
@@ -139,7 +139,7 @@ class AccessMiddleware:
         elif self._password is not None and scope["path"] == "/login" and scope["type"] == "http":
             await self._log_in(scope, receive, send)
         elif self._password is not None and _cookie(headers) not in self._logins:
-            await _answer(scope, send, 303, "log in first\n", (b"location", b"/login"))
+            await _answer(scope, send, 303, "log in first\n", (b"location", _login_for(scope)))
         else:
             await self._app(scope, receive, _with_headers(send))
 
@@ -180,7 +180,20 @@ class AccessMiddleware:
         token = secrets.token_urlsafe(32)
         self._logins.append(token)
         cookie = f"{COOKIE}={token}; HttpOnly; SameSite=Strict; Path=/".encode()
-        await _answer(scope, send, 303, "", (b"location", b"/"), (b"set-cookie", cookie))
+        await _answer(scope, send, 303, "", (b"location", _wanted(scope)), (b"set-cookie", cookie))
+
+
+def _login_for(scope: Scope) -> bytes:
+    """Return the path of the login that leads to the page which was asked for."""
+    path, query = scope["path"], scope.get("query_string", b"").decode("latin-1")
+    return b"/login" if path == "/" else f"/login?{urlencode({'to': f'{path}?{query}' if query else path})}".encode()
+
+
+def _wanted(scope: Scope) -> bytes:
+    """Return the page of this server that was asked for before the login; / without one."""
+    to = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("to", ["/"])[0]
+    is_own = to.startswith("/") and not to.startswith(("//", "/\\"))
+    return quote(to if is_own else "/", safe="/?=&%").encode()
 
 
 def _peer(scope: Scope) -> str:

@@ -22,6 +22,7 @@ SLOW_TICK_S = 1.0
 MENU = (("/", "Stations"), ("/sessions", "Sessions"), ("/recordings", "Recordings"), ("/system", "System"))
 _HEAD = (
     f'<script src="{ASSETS}/theme.js"></script>'
+    f'<script src="{ASSETS}/login.js" defer></script>'
     f'<link rel="stylesheet" href="{ASSETS}/vendor/uplot/uPlot.min.css">'
     f'<link rel="stylesheet" href="{ASSETS}/style.css">'
     f'<link rel="stylesheet" href="{ASSETS}/session.css">'

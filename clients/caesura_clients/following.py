@@ -120,9 +120,7 @@ class _Follower:
         self._station = station
         self._session = session
         self._readers: dict[Key, SessionReader] = {}
-        self._backoff: RefreshBackoff[Key] = RefreshBackoff(
-            refresh_s
-        )  # of sessions, and of all of them
+        self._backoff: RefreshBackoff[Key] = RefreshBackoff(refresh_s)  # of sessions, and of all of them
         self._shares: TimeShares[str] = TimeShares()  # of stations
         self._live_services = LiveServices()
         self._reassembler = Reassembler()
@@ -210,9 +208,7 @@ class _Follower:
         else:
             self._backoff.back_off(key)
 
-    def _remove_missing(
-        self, missing: set[Key], station: str | None = None
-    ) -> Iterator[SessionRemoved]:
+    def _remove_missing(self, missing: set[Key], station: str | None = None) -> Iterator[SessionRemoved]:
         """Remove the sessions of a station that a second, complete query does not return either."""
         again = self._ask(station, complete=True) if missing else None
         if again is None:

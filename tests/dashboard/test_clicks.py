@@ -24,7 +24,8 @@ DOUBLE_MS = 500  # as AGAIN_MS of clicks.js
 TRIES = 20  # of a double click, which a busy machine may do too slowly
 HELD = 12  # how often a key that is held down repeats itself
 WHEN_PRESSED = """() => {
-  if (!window.pressed) addEventListener("pointerdown", ({ timeStamp }) => window.pressed.push(timeStamp), true);
+  const note = ({ timeStamp }) => window.pressed.push(timeStamp);
+  if (!window.pressed) addEventListener("pointerdown", note, true);
   window.pressed = [];
 }"""
 

@@ -89,7 +89,9 @@ def test_a_page_shows_no_program_of_a_session_that_is_gone(stage: Stage, page: P
     opened.errors.clear()  # its samples are not there any more
 
 
-def test_long_names_leave_the_page_its_width_and_the_apps_their_place(stage: Stage, page: Page, opened: Visitor):
+def test_long_names_leave_the_page_its_width_and_the_apps_their_place(
+    stage: Stage, page: Page, opened: Visitor
+):
     station = "c" * 64
     taught(stage, page, station)
     with stage.reader() as caesura:

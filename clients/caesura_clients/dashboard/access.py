@@ -185,8 +185,9 @@ class AccessMiddleware:
 
 def _login_for(scope: Scope) -> bytes:
     """Return the path of the login that leads to the page which was asked for."""
-    path, query = scope["path"], scope.get("query_string", b"").decode("latin-1")
-    return b"/login" if path == "/" else f"/login?{urlencode({'to': f'{path}?{query}' if query else path})}".encode()
+    query = scope.get("query_string", b"").decode("latin-1")
+    asked = f"{scope['path']}?{query}" if query else scope["path"]
+    return b"/login" if asked == "/" else f"/login?{urlencode({'to': asked})}".encode()
 
 
 def _wanted(scope: Scope) -> bytes:

@@ -294,9 +294,9 @@ class NetworkFollower(RepeatingThreads):
             self._over.wait(POLL_S)
 
     def _doubt_sessions(self) -> None:
-        """Have sessions queried where the services hold fewer than are known: one that goes is not published.
+        """Name sessions to be queried where the services hold fewer than are known here.
 
-        The oldest closed ones of a station go first.
+        One that goes is not published; the oldest closed ones of a station go first.
         """
         updates, services = self.world.updates, self.world.services
         counts = len(updates), sum(one.sessions_open + one.sessions_closed for one in services)

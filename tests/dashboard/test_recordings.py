@@ -107,6 +107,14 @@ def test_what_is_no_recording_is_refused_with_what_was_expected(desk: RecordingD
         desk.look("u-1")
 
 
+@pytest.mark.parametrize("rest", [b"", b"\xcf" * 100], ids=["nothing", "rubbish"])
+def test_an_mcap_that_ends_in_its_header_is_refused_with_what_is_wrong(desk: RecordingDesk, rest: bytes):
+    pytest.importorskip("mcap", reason="mcap is not installed (extra mcap)")
+    sent(desk, "u-1", "cut.mcap", b"\x89MCAP0\r\n" + rest)
+    with pytest.raises(EditRefused, match=r"cut\.mcap: not a readable mcap file"):
+        desk.look("u-1")
+
+
 def test_a_bad_request_or_a_station_with_a_robot_is_refused(desk: RecordingDesk):
     sent(desk, "u-1", "a.csv", b"1")
     with pytest.raises(EditRefused, match="station is 'Cell 9'"):

@@ -147,7 +147,9 @@ def is_bag(path: Path) -> bool:
     if path.suffix.lower() == ".mcap" and path.is_file():
         with import_extra("mcap", path.name):
             from caesura_protocol.formats.mcap_read import ROS2, profile_of  # noqa: PLC0415 - an extra
-        return profile_of(path) == ROS2
+        with suppress(ValueError):  # it cannot be read
+            return profile_of(path) == ROS2
+        return False
     return path.is_dir() or path.suffix.lower() in BAGS
 
 

@@ -13,7 +13,16 @@ from playwright.sync_api import Locator, expect
 
 from caesura_clients import Caesura
 from caesura_clients.program_editing import edit_program, reference
-from caesura_protocol.messages import App, ChangeApp, Description, NameProgram, Program
+from caesura_protocol.messages import (
+    App,
+    ChangeApp,
+    DeleteApp,
+    Description,
+    NameProgram,
+    Program,
+    ProgramAction,
+    Undo,
+)
 from dashboard.browser import DESK, PATIENCE_MS, Visitor, looks_right, needs_chromium
 from dashboard.stage import Stage
 from harness.demonstrations import guided
@@ -46,6 +55,9 @@ class Beside:
         expect(self.page.locator(".edits summary"), "the page follows").to_have_text(
             f"Edits: {len(self.program.edits)}"
         )
+
+    def bob_does(self, action: ProgramAction) -> None:
+        edit_program(self._caesura.transport, self._station, "over", action, author="Bob")
 
     def bob_names(self, name: str) -> None:
         named = NameProgram(name=name)
@@ -145,6 +157,20 @@ def test_what_another_operator_has_set_can_be_taken(beside: Beside):
     expect(card.locator(".app-name")).to_have_value("Retreat")
     expect(conflict).to_have_count(0)
     expect(card.locator(".save"), "nothing is left to be saved").to_be_disabled()
+
+
+def test_what_is_typed_into_the_form_of_an_app_that_goes_comes_back_with_it(beside: Beside):
+    card = beside.open_form()
+    card.locator(".app-speed").fill("50")
+    beside.bob_does(DeleteApp(app=reference(beside.app)))
+    said = "is no longer shown. What was typed into its form is not saved, and comes back with it."
+    expect(beside.page.locator(".program-said.failed")).to_contain_text(said)
+    expect(beside.page.locator(".app-speed")).to_have_count(0)
+    beside.bob_does(Undo())
+    expect(card.locator(".app-speed"), "what was typed is kept").to_have_value("50")
+    card.locator(".save").press("Enter")
+    expect(card.locator("dl")).to_contain_text("50 %")
+    assert beside.app.speed == 0.5
 
 
 def test_the_name_of_a_program_is_not_overwritten(beside: Beside):

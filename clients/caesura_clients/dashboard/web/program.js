@@ -18,7 +18,7 @@ export default {
   props: { editable: Boolean, speeds: Array },
   emits: ["edit", "simulate", "cancel", "compare"],
   provide() {
-    return { appsShown: () => this.program.apps };
+    return { appsShown: () => this.program.apps, keyOf: this.key, typed: new Map(), lost: this.lost };
   },
   data: () => ({ program: null, message: "", failed: false, busy: false, name: "", nameSeen: "", nameConflict: null, afterwards: null, gripper: localStorage.getItem(gripperKey()) || "", asked: null, draft: "", sent: {}, made: {}, inserts: false }),
   template: `
@@ -98,6 +98,10 @@ export default {
     },
     rows(held, { first, rows }, before) {
       return Object.freeze([...held.filter(({ number }) => number > before && number < first), ...rows.map(Object.freeze)]);
+    },
+    lost({ number, name, title }) { // a form with something typed into it went with its app
+      const app = `App ${number} (${name || title})`;
+      Object.assign(this, { message: `${app} is no longer shown. What was typed into its form is not saved, and comes back with it.`, failed: true });
     },
     isAtEnd() { // the newest app is in sight: what is taught next comes into sight too
       const list = this.$refs.apps;

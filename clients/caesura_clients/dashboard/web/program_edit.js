@@ -21,7 +21,7 @@ export default {
   mixins: [unsaved],
   components: { Conflict, NewApp },
   props: { app: Object, sessions: Array, kinds: Array, busy: Boolean },
-  inject: ["appsShown"],
+  inject: ["appsShown", "keyOf", "typed", "lost"],
   emits: ["edit"],
   data: () => ({ open: false, draft: null, base: null, sent: {}, conflict: null, last: 0, session: "" }),
   template: `
@@ -77,6 +77,7 @@ export default {
       return this.open && this.draft !== null && this.changed;
     },
     toggled(open) {
+      if (open && this.open) return; // it was opened with what is in `typed`
       this.open = open;
       if (open) Object.assign(this, { draft: this.start(this.app), base: this.start(this.app), sent: {}, conflict: null, last: this.app.number, session: "" });
       if (open) this.$nextTick(() => this.$el.scrollIntoView({ block: "nearest", inline: "nearest" }));
@@ -141,6 +142,17 @@ export default {
     say(action, seen = null, answered = null) {
       this.$emit("edit", action, seen, answered);
     },
+  },
+  mounted() {
+    const key = this.keyOf(this.app), typed = this.typed.get(key);
+    if (!typed) return;
+    this.typed.delete(key);
+    Object.assign(this, typed, { open: true, last: this.app.number });
+  },
+  beforeUnmount() { // another operator has deleted the app, or corrected what it was inferred from
+    if (!this.isUnsaved()) return;
+    this.typed.set(this.keyOf(this.app), { draft: this.draft, base: this.base });
+    this.lost(this.app);
   },
   watch: {
     app(app) {

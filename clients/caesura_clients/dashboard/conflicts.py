@@ -40,7 +40,8 @@ class EditConflict(EditRefused):
 
 def redescribed(command: Describe, status: SessionStatus) -> Describe:
     """Return the same change to the current description. Raises EditConflict."""
-    present, authors = status.description, {one.field: one.author for one in status.described_by}
+    present = status.description
+    authors: dict[str, str] = {one.field: one.author for one in status.described_by}
     before, wanted = dict(command.before), dict(command.description)
     typed = {name: value for name, value in wanted.items() if value != before[name]}
     now = dict(present)

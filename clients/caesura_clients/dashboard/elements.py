@@ -190,7 +190,7 @@ class ProgramTimeline(LiveElement, component="web/program.js"):
             self._known = timeline
             self.send(payload)
 
-    def clear(self) -> None:
+    def forget(self) -> None:
         """Show no program: its session is not there any more."""
         if self.is_free and self._known:
             self._known = {}

@@ -118,7 +118,7 @@ class SessionPage:
         self._form.show(self._description())
         self._view.follow(update, self._more(update))
         if update is None:
-            self._program.clear()
+            self._program.forget()
         else:
             self._show_program(update.program)
 

@@ -328,7 +328,6 @@ def test_with_a_password_nothing_is_shown_before_it(stage: Stage, newcomer: Visi
         expect(page.get_by_role("alert")).to_have_text("That is not the password.")
         assert newcomer.barriers() == []
         eventually(lambda: logged_in(page, "correct horse"))  # a wrong one delays its address by a second
-        page.get_by_role("link", name="cell-2").click()
         expect(page.locator(".app").first).to_be_visible()
         expect(page.get_by_text("Corrections are off")).to_be_visible()
         answer = page.request.put(f"{locked.url}/uploads/u-1/a.csv", data="t,px,py,pz")

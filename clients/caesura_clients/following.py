@@ -6,7 +6,9 @@ A lost last message leaves no gap in the numbers. So the snapshot of a session w
 A station whose sessions begin faster than they can be queried delays only its own results.
 
 A session that is missing from two query results is dropped: the service was restarted without it. While no
-service is live, the last results stay. `events` yields both cases; `follow` yields the updates alone.
+service is live, the last results stay. A session that makes room for others is detected at the next query of
+all sessions, or of those that another thread names (`doubted`). `events` yields both cases; `follow` yields
+the updates alone.
 """
 
 from __future__ import annotations

@@ -195,7 +195,6 @@ def examples() -> dict[str, Message]:
         capped=0,
         budgets=budgets,
         description=description,
-        described=1,
         described_by=(DescriptionAuthor(field="task", author="Ann"),),
         opened=1767225600.25,
     )

@@ -70,13 +70,18 @@ def click_twice(page: Page, button: Locator) -> bool:
 def test_a_double_click_on_delete_deletes(page: Page, taught: Caesura):
     page.locator(".description summary").press("Enter")
     delete = page.locator(".description .delete")
-    click_twice(page, delete)
+    clicks = 0
+    while not click_twice(page, delete):  # too slowly: both have counted, and it is restored
+        clicks += 2
+        assert clicks <= 2 * TRIES
+        expect(page.locator(".saved")).to_contain_text("Restored.")
+        expect(delete).to_have_text("Delete")
     expect(page.locator(".saved")).to_contain_text("Deleted")
     expect(delete).to_have_text("Restore")
     delete.press("Enter")  # the keyboard is not held up
     expect(page.locator(".saved")).to_contain_text("Restored.")
     assert now(taught).status.description.deleted is False
-    assert now(taught).status.described == 2
+    assert now(taught).status.described == clicks + 2
 
 
 def open_first(page: Page) -> Locator:

@@ -243,7 +243,10 @@ def check_finite(batch: SampleBatch, cells: NDArray[np.floating[Any]]) -> None:
 
 
 def matrix_of(batch: SampleBatch) -> NDArray[np.float64]:
-    """Unpack as `unpack_samples` does, without a check of the values. Raises ProtocolError as it does."""
+    """Unpack as `unpack_samples` does, without a check of the values.
+
+    Raises ProtocolError `malformed` for a wrong size, or a first column other than `t`.
+    """
     cells = cells_of(batch)
     return _matrix_of(cells, _times_of(batch, cells))
 

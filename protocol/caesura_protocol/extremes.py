@@ -1,4 +1,4 @@
-"""Decimation to extremes: the least and the greatest sample of each bin and column.
+"""Decimation to measured samples: the least and the greatest of each bin and column.
 
 Bins begin at multiples of their width (`bins_of`). Every point is a sample, at its own time. Bins of a finer
 grid combine exactly to those of a coarser one, so further decimation needs only the bins.

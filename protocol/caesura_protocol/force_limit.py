@@ -41,7 +41,7 @@ def is_press(newton: float) -> bool:
 
 
 def with_force_limit(app: App, limit_n: float) -> App:
-    """Return the app with its forces [N] limited.
+    """Return the app with each of its forces limited to `limit_n` [N].
 
     An app below the limit, or without a force, is unchanged.
     """

@@ -182,8 +182,8 @@ def doubts(
 ) -> tuple[str, ...]:
     """Return a sentence on each contradiction to the stated units; the samples are segmented nevertheless.
 
-    Arguments as in `implausible`. clean_force: whether the force is a flange sensor's, so that only its bias
-    exceeds the limit.
+    Arguments as in `implausible`. clean_force: whether the force is a flange sensor's: its bias alone exceeds
+    the least plausible force.
     """
     stated = {*declared, *(["length"] if length_unit != WIRE_UNIT["length"] else [])}
     found = [
@@ -277,7 +277,7 @@ class FirstSecond:
 
     @property
     def seen(self) -> int:
-        """Samples that were checked so far."""
+        """The number of samples received until the check ended."""
         return self._count
 
     def look(self, rows: NDArray[np.floating]) -> Implausible | None:

@@ -70,11 +70,11 @@ class Recording:
 
     t: (n,) [s], in the order of arrival; signals: name → (n, width), names as in the module's table.
     wrench_source: None if not stated; hand_on_robot: whether a person guides this robot by hand. ignored:
-    names of other content of the file. declared_units: quantities whose unit a user declared, so that their
-    values are not checked. setting: the cell's requirements on the program. assumed: the reader's assumptions
-    about what the file leaves open; cautions: omitted or suspect parts, with the reason; one sentence each.
-    lines: line numbers of the samples in a text file. Raises RecordingError for an invalid shape, name, unit
-    or time.
+    names of other content of the file. declared_units: quantities whose unit a user declared: their
+    implausible values are accepted, and `doubts` reports them. setting: the cell's requirements on the
+    program. assumed: the reader's assumptions about what the file leaves open; cautions: omitted or suspect
+    parts, with the reason; one sentence each. lines: line numbers of the samples in a text file. Raises
+    RecordingError for an invalid shape, name, unit or time.
     """
 
     t: Array

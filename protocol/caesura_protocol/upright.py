@@ -35,7 +35,7 @@ EXPECTED = f"three numbers x,y,z of length 1 ± {NORM_TOLERANCE:g}, or one of {'
 def checked_up(up: Sequence[float]) -> Vector:
     """Return the direction with length 1. Raises ValueError with the value, the limit and a remedy.
 
-    A returned direction is returned unchanged, so that a repeated opening is equal.
+    A direction that this function has returned is returned unchanged, so that a repeated opening is equal.
 
     >>> checked_up((0.0, 0.0, -1.0)), checked_up((0.0, 0.0, 1.0005))
     ((0.0, 0.0, -1.0), (0.0, 0.0, 1.0))

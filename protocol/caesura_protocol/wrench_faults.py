@@ -3,7 +3,7 @@
 A measured force has noise. If it does not change at all while the flange moves, a dead driver repeats it, or
 it is simulated. It shows no contact and no load. If that is more than MOST_SHARE of a recording, contact and
 load are off, and the reason is stated; a shorter dropout is reported. The same applies to a single axis, and
-to the torque, which is then left out. A sensor with coarse steps repeats its values too, throughout the
+to the torque, which is then left out. A sensor with coarse steps repeats its values too, but throughout the
 recording. A simulation without noise is exactly 0 in free space and has forces elsewhere, and so has a sensor
 with a dead band; both are used and reported. With a declared unit of the force (`--force-unit N`) its values
 are not questioned.

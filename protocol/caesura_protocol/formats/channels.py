@@ -153,7 +153,10 @@ def schema_of(topic: str) -> dict[str, Any]:
 
 
 class _PlainSchema(GenerateJsonSchema):
-    """A schema without null: fields that are None are left out, tuples are arrays, unions are texts."""
+    """A schema without null: fields that are None are left out.
+
+    Tuples are arrays with items of one type, unions are texts.
+    """
 
     def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
         return self.generate_inner(schema["schema"])

@@ -90,7 +90,10 @@ class CsvTable(NamedTuple):
 
 
 def read_foreign_csv(path: Path, mapped: ColumnMapping) -> RawRecording:
-    """Return the signals that the mapping names. Raises RecordingError, which lists the existing columns."""
+    """Return the signals that the mapping names.
+
+    Raises RecordingError; for a missing column it names that one and lists the existing ones.
+    """
     table = _table(path, mapped)
     options, contradicted = _options(table, mapped)
     rules = rules_of(mapped, options.get("length_unit", "m"))

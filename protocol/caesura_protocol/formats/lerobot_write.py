@@ -148,7 +148,10 @@ def _frames(number: int, episode: Episode, tasks: Texts, subtasks: Texts) -> dic
 def _write_data(
     root: Path, episodes: Sequence[Episode], frames: Sequence[dict[str, NDArray[Any]]], *, language: bool
 ) -> list[EpisodeRange]:
-    """Write all frames, in files of at most FILE_MB; complete the column `index`."""
+    """Write all frames; complete the column `index`.
+
+    An episode that makes a file larger than FILE_MB is its last; the next one begins a new file.
+    """
     places: list[EpisodeRange] = []
     number, first, writer = 0, 0, None
     try:

@@ -112,7 +112,7 @@ def sample_entries(content: McapContent) -> Iterator[McapMessage]:
 def poses_of(recording: Recording) -> Poses:
     """Return the recorded poses of the flange, at least TRANSFORM_S apart.
 
-    None if only joints are recorded.
+    They are NO_POSES, which is empty, if only joints are recorded.
     """
     position = recording.signals.get("pos")
     if position is None:

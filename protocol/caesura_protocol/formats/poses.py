@@ -38,7 +38,7 @@ def flange_of(effector: Transform, effector_on_flange: Transform) -> Transform:
 
 
 def point_in_base(frame: Transform, point: Vector) -> Vector:
-    """A point of a frame [m], in the frame in which that one lies."""
+    """Return a point [m] of a frame in the frame to which `frame` refers."""
     (x, y, z), (a, b, c) = frame.position, rotate(frame.orientation, point)
     return x + a, y + b, z + c
 

@@ -393,7 +393,10 @@ def _delimiter(header: str) -> str | None:
 
 
 def _without_last_delimiter(rows: list[list[str]]) -> list[list[str]]:
-    """Return the rows without the empty cell made by a delimiter at their ends."""
+    """Return the rows without the empty cell made by a delimiter at their ends.
+
+    The header may have that delimiter or not.
+    """
     width = len(rows[0]) if rows[0][-1] else len(rows[0]) - 1
     if all(len(row) == width + 1 and not row[-1] for row in rows[1:]):
         return [row[:width] for row in rows]

@@ -99,7 +99,10 @@ def values_of(message_type: str, message: Any, rule: TopicRule) -> Values:
 
 
 def frame_of(message_type: str, message: Any) -> str | None:
-    """Return the frame of the message's forces according to its name; None if the name does not state it."""
+    """Return the frame of a message's forces; None if it is unknown.
+
+    It is `base` for a FrankaRobotState, and if the header's frame_id names a base frame.
+    """
     if message_type == FRANKA_STATE:
         return "base"
     name = str(message.header.frame_id)

@@ -123,9 +123,10 @@ def stray_places(recording: Recording) -> str | None:
 
 
 def leaping_places(recording: Recording) -> str | None:
-    """Return text on jumps of the position, faster than an arm can move; None without any.
+    """Return text on jumps after which the robot continues elsewhere, faster than an arm can move.
 
-    Causes are a changed base frame, or two recordings in one file. Values that jump back are `stray_places`.
+    None without any. Without positions the joints are checked. Causes are a changed base frame, or two
+    recordings in one file. Values that jump back are `stray_places`.
     """
     signal = "pos" if "pos" in recording.signals else "q"
     scale, unit, speed, least = LEAPS[signal](recording)
@@ -153,7 +154,11 @@ def _distances(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[
 
 
 def check_clock(recording: Recording) -> None:
-    """Raise RecordingError for a time that is not finite, goes back by more than a pause, or jumps ahead."""
+    """Raise RecordingError for a time beyond ±LATEST_S, or one that goes back or leaps ahead.
+
+    It may go back by at most HOLE_S, and leap by at most LEAP_S. A recording of fewer than LEAST_SAMPLES
+    samples is not checked.
+    """
     t = recording.t
     if t.size < LEAST_SAMPLES:
         return

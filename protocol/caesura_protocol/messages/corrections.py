@@ -47,7 +47,7 @@ class Move(Message):
 
 
 class Relabel(Message):
-    """Set the kind of the segment that contains `t`; no changepoint is then inside it."""
+    """Set the kind of the segment that contains `t`. Its changepoints stay, and none is then inside it."""
 
     do: Literal["relabel"] = "relabel"
     t: Seconds  # [s]
@@ -55,7 +55,7 @@ class Relabel(Message):
 
 
 class LimitForce(Message):
-    """Limit the force of the app that contains `t`."""
+    """Limit the force of the app in whose time `t` lies to `newton`."""
 
     do: Literal["limit_force"] = "limit_force"
     t: Seconds  # [s]

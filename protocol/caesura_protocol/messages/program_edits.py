@@ -81,7 +81,11 @@ class DuplicateApp(Message):
 
 
 class InsertApp(Message):
-    """Insert a new app, which was not taught. A field that is None has the value of the app before it."""
+    """Insert a new app, which was not taught.
+
+    Without a `target` it has that of the app before it, or, in the first place, that of the app after it. It
+    is refused without another field that its kind needs, such as the force of a press.
+    """
 
     do: Literal["insert"] = "insert"
     after: AppReference | None  # None: first

@@ -49,7 +49,7 @@ class Heartbeat(Message):
 
 
 class RecordedSamples(Message):
-    """Recorded samples of a session in a time range, without interpolation.
+    """Recorded samples of a session in a time range, as the journal has them, without interpolation.
 
     Each bin and column has the first sample with the least value and the first with the greatest, in the
     order of time; one point if both are the same sample. A bin without samples has no point. Bins begin at

@@ -9,7 +9,10 @@ from caesura_protocol.messages.status import SessionStatus
 
 
 class Snapshot(Message):
-    """The complete state of a session, with the last number of each stream."""
+    """The complete state of a session, with the last number of each stream.
+
+    A reader that joins late, or has lost messages, starts from it.
+    """
 
     status: SessionStatus
     changepoints: Changepoints

@@ -159,8 +159,9 @@ def in_cell(program: ProgramFile, safety: Safety) -> ProgramFile:
 def on_robot(program: ProgramFile, robot: str | None, *, retarget: bool = False) -> ProgramFile:
     """Return the program on a robot, by its name or file; None: on the one that it states.
 
-    Raises CaesuraError for another robot than the one of teaching, or of its joints, unless `retarget` is
-    set: joints are then left out, and poses are kept.
+    Raises CaesuraError for another robot than the taught one, unless `retarget` is set: joints are then left
+    out, and poses are kept. Raises it, too, if the joints of an app that is not re-targeted have another
+    number than the robot's.
     """
     if robot is None:
         return program

@@ -24,13 +24,13 @@ GRIPS = ("grasp", "gripper_move")
 class PlannedApp(NamedTuple):
     """An app with its movements.
 
-    place: index in the program, from 0; start: (position [m], orientation) to which the arm moves first;
-    begins: taught start; legs: following movements; contact: (3,) direction of the search if a contact ends
-    the app; wait_s: rest of a press before the legs; stay_s: duration of a press without legs; hold_s: rest
-    after the legs, of a hold or a press; pause_s: pause after the app. wait_n, hold_n: forces during these
-    rests. clear_legs: number of legs that leave the contact of the app before; there is no contact search on
-    them, and the sensor is zeroed after them; None if no leg leaves it. stands: where the arm must be
-    already, for a grasp before any movement.
+    place: index in the program, from 0; start: (position [m], orientation) to which the arm moves first, from
+    any pose; begins: taught start; legs: following movements; contact: (3,) direction of the search if a
+    contact ends the app; wait_s: rest of a press before the legs; stay_s: duration of a press without legs;
+    hold_s: rest after the legs, of a hold or a press; pause_s: pause after the app. wait_n, hold_n: forces
+    during these rests. clear_legs: number of legs that leave the contact of the app before; there is no
+    contact search on them, and the sensor is zeroed after them; None without legs, so that the tool is still
+    in contact. stands: where the arm must be already, for a grasp before any movement.
     """
 
     place: int

@@ -156,7 +156,7 @@ def _legs(t: Array, poses: Array, safety: Safety, acceleration: float) -> list[L
 
 
 def _cruise(length: float, seconds: float, acceleration: float) -> float:
-    """Return the constant speed [m/s] of a leg of this duration from rest to rest."""
+    """Return the constant speed [m/s] between the ramps of a leg of this duration from rest to rest."""
     free = (acceleration * seconds) ** 2 - 4.0 * acceleration * length
     return 0.5 * (acceleration * seconds - math.sqrt(max(free, 0.0)))
 

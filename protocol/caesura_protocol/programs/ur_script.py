@@ -202,8 +202,9 @@ class _Writer:
 
 
 def _press_moves(app: App, begins: Vector, legs: Sequence[Leg]) -> list[str]:
-    """Return the movements of a press, each with limits at the ends of its leg.
+    """Return the movements of a press.
 
+    Before each, `leg` is set to the two ends of its leg, beyond which the flange is not pushed far.
     If the path tilts the tool, the force turns with it from leg to leg.
     """
     kind = "movep" if app.path is not None and app.path.length_m >= SLIDE_M else "movel"

@@ -1,9 +1,11 @@
 """Received items, and the bounded queue that holds them.
 
 Rule 1: a callback that receives from the network only enqueues; work happens in the thread that calls `get`.
-A slow callback inside the network library delays every other subscriber of the process. Rule 2: an inbox
-holds `capacity` items and `capacity_bytes` of payloads. When it is full the oldest are dropped and counted:
-readers of results detect the gap by sequence numbers, and a dropped query is refused as `overloaded`.
+A slow callback inside the network library delays every other subscriber of the process.
+
+Rule 2: an inbox holds `capacity` items and `capacity_bytes` of payloads. When it is full the oldest are
+dropped and counted: readers of results detect the gap by sequence numbers, and a dropped query is refused as
+`overloaded`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A transport within one process, with the same interface and behaviour, for tests and examples.
+"""A transport within one process, with the interface and behaviour of the real one, for tests and examples.
 
 A MemoryNetwork replaces Zenoh's router; each MemoryTransport is one session with it. `lose` makes the network
 drop matching messages, like DROP with a full queue, without an error for the sender.

@@ -176,8 +176,9 @@ def _off_object(pose: ViaPoint | None, app: App) -> Reason | None:
 
 
 def _seam(pose: ViaPoint | None, app: App, why: str) -> Iterator[Reason]:
-    """Yield a finding if an app does not begin where the app before it ends. why: they were not taught in
-    a row.
+    """Yield a finding if an app does not begin where the app before it ends.
+
+    why: text on why the two were not taught in a row.
     """
     start = _start_of(app)
     if pose is None or start is None or _off_object(pose, app):

@@ -177,7 +177,10 @@ class Caesura:
     def preview(
         self, station: str, session: str, action: Action | Since, *, revision: int | None = None
     ) -> EditEffect:
-        """Return what a correction would change, or what those since one have changed (`editing.preview`)."""
+        """Return what a correction would change, or what those since one have changed.
+
+        It changes nothing (`editing.preview`).
+        """
         return preview(self.transport, station, session, action, revision=revision)
 
     def start(self, station: str, description: Description | None = None) -> BridgeAck:

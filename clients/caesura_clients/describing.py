@@ -100,7 +100,7 @@ def _close_left_open(
 
 
 def _check_no_bridge(transport: Transport, station: str) -> None:
-    """Check at the last moment that none has come back. Raises CaesuraError."""
+    """Raise CaesuraError if a bridge is connected at the station, whose session it then is."""
     if station in query.stations(transport):
         raise CaesuraError(f"a bridge is connected at {station}, which stops its own session")
 

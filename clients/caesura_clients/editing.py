@@ -61,7 +61,10 @@ def edit(
 def preview(
     transport: Transport, station: str, session: str, action: Action | Since, *, revision: int | None = None
 ) -> EditEffect:
-    """Return what a correction would change, or what those since one have changed. Raises as `edit`."""
+    """Return what a correction would change, or what those since one have changed.
+
+    It changes nothing. Raises as `edit`.
+    """
     if revision is None:
         revision = query.snapshot(transport, station, session).status.revision
     effect = send(transport, station, Preview(session=session, revision=revision, action=action)).effect
@@ -91,9 +94,10 @@ def send(transport: Transport, station: str, made: Made, *, patience_s: float = 
 def mark(
     transport: Transport, station: str, session: str, t: float, *, author: str, revision: int = 0
 ) -> Ack:
-    """Force a changepoint at a time [s]; a `conflict` with other editors is resolved by a repeat.
+    """Force a changepoint at a time [s], also while other editors correct the session.
 
-    revision: an estimate of the current one, for the first attempt. Raises as `edit`.
+    After a `conflict` it is sent again with the current revision, at most MARK_ATTEMPTS times. revision: an
+    estimate of the current one, for the first attempt. Raises as `edit`.
     """
     for _ in range(MARK_ATTEMPTS):
         made = Edit(session=session, revision=revision, author=author, action=Insert(t=t))

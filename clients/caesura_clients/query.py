@@ -106,7 +106,8 @@ def stored_snapshots(
 ) -> list[Snapshot]:
     """Return a page of the closed sessions that are in the journal and no longer in memory, the newest first.
 
-    skip: number of sessions on earlier pages, by instance. A page has at most MAX_STORED of each instance.
+    skip: number of sessions on earlier pages, by instance. A page has at most MAX_STORED of each instance. It
+    is empty after the last one.
     """
     page = stored_parameters(StoredPage(skip=skip))
     key = session_key(station, session, "snapshot")

@@ -239,7 +239,11 @@ def _pace(text: str) -> float:
 
 @contextmanager
 def _opened_source(name: str, options: SourceOptions) -> Iterator[Source]:
-    """Open a source for the duration of the context; print which names of a file are not read."""
+    """Open a source for the duration of the context.
+
+    Prints names of a file that are not read, assumptions and warnings on it, and dropped messages of a live
+    source.
+    """
     source = open_source(name, options)
     if isinstance(source, FileSource):
         recording = source.recording

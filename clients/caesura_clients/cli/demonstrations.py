@@ -129,9 +129,9 @@ def _newest(received: Inbox) -> BridgeStatus | None:
 
 
 def what_lasts(status: BridgeStatus | None) -> str:
-    """Return why a stop has not returned, from the status of its bridge.
+    """Return why a stop has not returned.
 
-    None: the bridge has not answered.
+    status: the last status of its bridge, None if the bridge has published none.
     """
     if status is None:
         return "the bridge has not answered yet"

@@ -265,9 +265,9 @@ def named(station: str | None) -> str | None:
 
 
 def only_station(caesura: Caesura, station: str | None, session: str | None = None) -> str:
-    """Return the named station, or else the only one with a session of this name, held or stored.
+    """Return the named station, or else the only one with a session of this name, in memory or stored.
 
-    Raises NotFound.
+    Without a session it is the only station with any in memory. Raises NotFound for none or several.
     """
     if station is not None:
         return station

@@ -2,12 +2,16 @@
 
 Rule 1: pages of other sites must not reach the dashboard through an operator's browser. The Host of a request
 must be one of the dashboard's names (against DNS rebinding), and a socket or a form must come from its own
-pages. Rule 2: with a password, only the login page is served without the login's cookie. Rule 3: a wrong
-password delays only its own address, and no password from there is compared during the delay. The address is
-that of the connection, or the one stated by a proxy that the operator has named (`proxies.py`). The number of
-wrong passwords compared for all addresses together is limited; addresses that have logged in before are
-exempt from this limit. Rule 4: pages load content only from the dashboard; the browser enforces that by
-Content-Security-Policy.
+pages.
+
+Rule 2: with a password, only the login page is served without the login's cookie.
+
+Rule 3: a wrong password delays only its own address, and no password from there is compared during the delay.
+The address is that of the connection, or the one stated by a proxy that the operator has named
+(`proxies.py`). The number of wrong passwords compared for all addresses together is limited; addresses that
+have logged in before are exempt from this limit.
+
+Rule 4: pages load content only from the dashboard; the browser enforces that by Content-Security-Policy.
 
 The dashboard has no TLS. For access from other machines a reverse proxy must add it, or the password can be
 read on the network.

@@ -248,7 +248,10 @@ class NetworkFollower(RepeatingThreads):
                 self._change(alive=_with(self.world.alive, instance, presence.alive))
 
     def _sampled(self, delivery: ReceivedSample) -> None:
-        """Store a batch of samples; drop an invalid one."""
+        """Store a batch of samples, or the status of a bridge in standby.
+
+        Invalid content is dropped: one bad sender must not end the updates of all browsers.
+        """
         try:
             station, part = parse_station_key(delivery.key)
             if part == "bridge_status":

@@ -170,7 +170,7 @@ def app_editing(apps: Sequence[App], index: int) -> dict[str, Any]:
 
 
 def _behind(apps: Sequence[App], index: int) -> dict[str, Any]:
-    """Return the place after the app at `index`, to which another app is moved; the first place below 0."""
+    """Return the place after the app at `index`, to which another is moved; below 0 the first place."""
     return {"after": reference(apps[index]).model_dump() if index >= 0 else None}
 
 

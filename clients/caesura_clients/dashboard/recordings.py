@@ -261,7 +261,7 @@ class RecordingDesk:
             return list(reversed(self._plays.values()))
 
     def _reserve(self, upload: str, most: int) -> None:
-        """Reserve the child process of an upload, of at most `most`. Raises EditRefused if it has one."""
+        """Reserve the child process of an upload. Raises EditRefused if it has one, or `most` exist."""
         with self._lock:
             if upload in self._children:
                 raise EditRefused(BUSY)

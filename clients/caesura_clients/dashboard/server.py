@@ -80,7 +80,7 @@ class Address:
 
 
 def check_free(address: Address) -> None:
-    """Raise CaesuraError if another process listens at the address."""
+    """Raise CaesuraError if the address cannot be bound, mostly because another process listens there."""
     family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
     with socket.socket(family) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -1,4 +1,4 @@
-"""Checks of the endpoint: whether a process listens at its address, and whether its certificate is valid."""
+"""Checks of the endpoint: whether a process listens at its address, and how long its certificate is valid."""
 
 from __future__ import annotations
 
@@ -55,7 +55,10 @@ def check_certificate(end: float, now: float) -> CheckResult:
 
 
 def no_session(error: CaesuraError) -> CheckResult:
-    """Return the failed check of an endpoint that listens and refuses a Zenoh session."""
+    """Return the failed check of an endpoint that listens and gives no Zenoh session.
+
+    The remedy is the advice in the error.
+    """
     where, _, why = str(error).partition(_REFUSED)
     if not isinstance(error, Unreachable):
         return CheckResult("bad", "session", str(error), "correct the file of --zenoh-config, or --connect")

@@ -140,7 +140,10 @@ class LiveArm:
             self.close()
 
     def close(self) -> None:
-        """Stop reading the gripper, then end the connection to the arm."""
+        """Stop reading the gripper, then end the connection to the arm.
+
+        A vendor's thread that runs at the interpreter's exit can crash the process.
+        """
         if self._gripper is not None:
             self._gripper.close()
         over, self._over = self._over, None

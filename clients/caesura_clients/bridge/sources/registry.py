@@ -203,7 +203,10 @@ def _tcp_offset(options: SourceOptions) -> tuple[float, ...] | None:
 
 
 def _hand_on_estimate(options: SourceOptions, name: str) -> HandOnRobot:
-    """Return the stated `hand_on_robot` of an arm that estimates its wrench; by default guided by hand."""
+    """Return the stated `hand_on_robot` of an arm that estimates its wrench; by default `yes`.
+
+    Raises SourceError for an invalid value, and for a stated wrench source other than the estimate.
+    """
     if options.wrench_source not in {None, ESTIMATE}:
         raise SourceError(
             f"wrench_source is {options.wrench_source!r}, expected {ESTIMATE}, which the source {name} has"
@@ -212,7 +215,7 @@ def _hand_on_estimate(options: SourceOptions, name: str) -> HandOnRobot:
 
 
 def hand_statement(options: SourceOptions) -> HandOnRobot:
-    """Return the statement of the option `hand_on_robot`. Raises SourceError for an invalid value."""
+    """Return the option `hand_on_robot`, by default `yes`. Raises SourceError for an invalid value."""
     stated = options.hand_on_robot or "yes"
     if stated not in HANDS_ON_ROBOT:
         raise SourceError(f"hand_on_robot is {stated!r}, expected one of {', '.join(HANDS_ON_ROBOT)}")

@@ -163,7 +163,7 @@ class SessionPage:
             asked_by.answered(said or "", failed=False)
 
     def _show_program(self, program: wire.Program) -> None:
-        """Show the program as a timeline, which is rebuilt only after a change."""
+        """Show the program as a timeline, which is rebuilt only after a change: a long one takes time."""
         if program is not self._timeline_of or self._clock != self._timeline_clock:
             self._timeline_of, self._timeline_clock = program, self._clock
             self._shown = self._timeline.of(program, self._clock)

@@ -20,7 +20,7 @@ def furthest(
     """Return the largest distance [m] and angle [rad] from poses (n, 3 or 7) to the nearest ones of a line
     (m, …).
 
-    pairs: of poses and line. The nearest pose has the least distance and angle, each divided by its
+    pairs: of poses and line. The nearest pose has the least √(distance² + angle²), each divided by its
     tolerance. The angle is 0 without quaternions.
     """
     off_m, off_rad = zip(*(_off(*pair, tolerance_m, tolerance_rad) for pair in pairs), strict=True)

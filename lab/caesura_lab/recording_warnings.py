@@ -69,9 +69,10 @@ def without_confirmed(recording: Recording) -> Recording:
 
 
 def order_of_quaternions(recording: Recording) -> str | None:
-    """Return the order of columns that alone agrees with the joints: `xyzw`, or one of `WRONG_ORDERS`.
+    """Return the order of columns that agrees with the joints: `xyzw`, or one of `WRONG_ORDERS`.
 
-    None if no order or several agree.
+    `xyzw` must agree where `wxyz` does not, a wrong order where `xyzw` does not; the first such one counts.
+    None without one, without quaternions or joints, and for an arm with another number of joints.
     """
     signals, name = recording.signals, recording.setting.robot or ASSUMED_ARM
     if not {"quat", "q"} <= set(signals):

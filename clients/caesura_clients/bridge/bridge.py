@@ -1,7 +1,7 @@
 """A bridge between one robot and the service.
 
-It publishes numbered batches. It keeps the last two minutes for replay, and up to ten minutes of batches that
-no service has acknowledged.
+It publishes numbered batches. It keeps the last two minutes for replay, and, at 1 kHz, ten minutes of batches
+that no service has acknowledged.
 
 Four threads:
   the caller's  takes chunks from the source, numbers them and appends them to the ring; no network calls;

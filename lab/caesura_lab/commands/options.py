@@ -27,7 +27,7 @@ RecordingFiles = Annotated[
 
 
 def namesakes(files: Sequence[Path]) -> tuple[Path, Path] | None:
-    """Return two files that differ only in their suffix, in order; None if there are none."""
+    """Return two files with the same name except its suffix, in order; None if there are none."""
     first: dict[str, Path] = {}
     for file in files:
         if (other := first.setdefault(file.stem, file)) != file:

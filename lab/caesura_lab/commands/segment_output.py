@@ -20,7 +20,7 @@ STDOUT = Path("-")
 
 
 def check_output(out: Path) -> None:
-    """Raise SourceError if the output cannot be written."""
+    """Raise SourceError if the directory of the output does not exist."""
     if out != STDOUT and not out.resolve().parent.is_dir():
         raise SourceError(f"cannot write {out}: no such directory")
 

@@ -253,7 +253,10 @@ def _journal_paths(directory: Path | None, instance: str | None) -> list[Path]:
 
 @contextmanager
 def _open_journal(path: Path, *, alone: bool = False) -> Iterator[SqliteJournal]:
-    """Open a journal; its errors become errors for the user, except that another process has locked it."""
+    """Open a journal; convert its errors to CaesuraError.
+
+    With `alone` it raises JournalBusyError unchanged if another process has the journal.
+    """
     try:
         with SqliteJournal(path, alone=alone) as journal:
             yield journal

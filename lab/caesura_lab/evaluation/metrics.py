@@ -128,7 +128,7 @@ class Labelled(NamedTuple):
 
 
 def confusion(truth: Iterable[Labelled], found: Sequence[Labelled]) -> Counter[tuple[str, str]]:
-    """Return the seconds for each pair of true and found class; "none" without one."""
+    """Return the seconds for each pair of true and found class; "none" where the method has no class."""
     seconds: Counter[tuple[str, str]] = Counter()
     for true in truth:
         left = true.t1 - true.t0

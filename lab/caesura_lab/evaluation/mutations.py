@@ -174,7 +174,10 @@ def _repeat(apps: Apps, rng: Rng) -> Apps:
 
 
 def _with_new_times(apps: Apps, rng: Rng) -> Apps:
-    """Return the apps, in most cases with times in the new order: otherwise the times alone are refused."""
+    """Return the apps, in most cases with times in the new order.
+
+    Otherwise the check would refuse most programs only for their times.
+    """
     if rng.random() < 0.2:
         return apps
     t, timed = 0.5, []

@@ -119,7 +119,7 @@ def _ratio(
 def _quantile(
     values: Callable[[Score], Sequence[float]], share: float
 ) -> Callable[[Sequence[Score], Array], tuple[Array, int]]:
-    """Return a function for the quantile of all values of all recordings."""
+    """Return a function for the quantile at `share` of all values of all recordings."""
 
     def estimates_of(scores: Sequence[Score], weights: Array) -> tuple[Array, int]:
         pooled = [(value, i) for i, score in enumerate(scores) for value in values(score)]

@@ -1,7 +1,7 @@
 """Runs a recording through conditioning and filter, one observation at a time, and stores every state.
 
-A session stores only its latest state; a report shows the states over time. The steps are those of the
-session's pipeline, in the same order on the same samples, so that both give the same numbers.
+A session stores only what it needs to continue; a report shows the states over time. The steps are those of
+the session's pipeline, in the same order on the same samples, so that both give the same numbers.
 """
 
 from __future__ import annotations

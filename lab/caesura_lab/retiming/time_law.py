@@ -29,7 +29,7 @@ class TimeLawError(ValueError):
 
 
 class Arrival(NamedTuple):
-    """The end of a path in contact: a constant speed in its last part, and braking before that."""
+    """The end of a path: a constant speed in its last part, and braking before that; by default at rest."""
 
     speed: float = 0.0  # [m/s]
     slow_m: float = 0.0

@@ -196,7 +196,7 @@ class GuidedArmSimulation:
 
 
 def joint_friction(v: Array, sliding_nm: Array, stiction: float) -> Array:
-    """Return the Coulomb friction (7,) [Nm] at joint velocities v (7,): higher near standstill (Stribeck)."""
+    """Return the Coulomb friction (n,) [Nm] at joint velocities v (n,): higher near standstill (Stribeck)."""
     slow = np.exp(-np.abs(v) / STRIBECK_RAD_PER_S)
     return np.asarray(sliding_nm * (1.0 + (stiction - 1.0) * slow))
 

@@ -68,7 +68,7 @@ def force_goal(force_n: float, before_n: float, duration_s: float, rate_per_s: f
 class HandForceController:
     """Force and position control of a hand, tick by tick.
 
-    force_n: current pressing force [N]; place: weight of the position control, 1 in the air.
+    force_n: current pressing force [N]; position_share: weight of the position control, 1 in the air.
     """
 
     def __init__(self, setpoints: ForceProfile, rate_per_s: float, dt: float) -> None:

@@ -65,7 +65,7 @@ UNIT_RESPONSES: Mapping[Profile, Callable[[Array], Array]] = MappingProxyType(
 
 
 class Movement(Protocol):
-    """An intended movement that begins at a time and ends at a displacement."""
+    """An intended movement that begins at a time, and keeps its displacement after its end."""
 
     @property
     def start_s(self) -> float:

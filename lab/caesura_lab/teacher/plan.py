@@ -263,7 +263,7 @@ class _Planner:
         self._stroke(goal, (1.0 - share) * duration, delay=share * duration)
 
     def _touch(self, step: Step, duration: float) -> None:
-        """Touch a surface at the target, by aiming slightly below it."""
+        """Arrive above the target when the surface stops the fall, which aims slightly below the surface."""
         goal = self._scattered(step)
         fall = self.place[2] - goal[2]
         share = time_of_share(self.person.profile, fall / (fall + self.person.impact_m))

@@ -38,8 +38,9 @@ class RunSplitter:
         self._next_seq: int | None = None
 
     def push(self, matrix: Array, seqs: NDArray[np.int64]) -> list[SampleRun]:
-        """Return the runs of further samples (n, columns), time [s] first. seqs: (n,) batch number of each
-        sample.
+        """Return the runs of further samples (n, columns), time [s] first.
+
+        seqs: (n,) batch number of each sample.
         """
         highest = np.maximum.accumulate(np.concatenate([[self.latest], matrix[:, 0]]))
         advances = matrix[:, 0] > highest[:-1]

@@ -1,8 +1,8 @@
-"""A mapping file: maps names and units of other software to Caesura's. TOML; `docs/recordings.md` has
-examples.
+"""A mapping file: maps names and units of other software to Caesura's.
 
-Each reader uses its own part (`[time]` and `[columns]` for a csv, `[topics]` for ROS 2); common options are
-at the top: `wrench_source`, `hand_on_robot`, `force_frame`, `length_unit`, `robot`, `up`.
+It is TOML; `docs/recordings.md` has examples. Each reader uses its own part (`[time]` and `[columns]` for a
+csv, `[topics]` for ROS 2); common options are at the top: `wrench_source`, `hand_on_robot`, `force_frame`,
+`length_unit`, `robot`, `up`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,4 @@
-"""Infers the layout of a csv file of other software: delimiter, decimal mark, columns, and their probable
-meaning.
+"""Infers the layout of a csv file of other software: delimiter, decimal mark, probable columns.
 
 A guess is a proposal for an operator to confirm. Names used by other software are in `ALIASES`. A unit
 follows from the column's name, such as `Zeit [ms]`, or else it is the one in which the values are plausible.
@@ -195,9 +194,7 @@ def with_turns(layout: CsvLayout, guess: MappingAnswers) -> MappingAnswers:
 
 
 def likely_units(layout: CsvLayout, columns: Mapping[str, str]) -> dict[str, str]:
-    """Return the unit of each signal: from the names of its columns, or else the one that makes it
-    plausible.
-    """
+    """Return the unit of each signal: stated in its columns' names, or else the one that is plausible."""
     units: dict[str, str] = {}
     for column, name in columns.items():
         signal = SIGNAL_OF_COLUMN[column]

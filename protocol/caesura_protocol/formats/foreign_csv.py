@@ -1,5 +1,6 @@
-"""Reads a csv file of another layout with a mapping: source column, unit and factor of each of Caesura's
-columns.
+"""Reads a csv file of another layout with a mapping.
+
+For each of Caesura's columns the mapping has the source column, unit and factor.
 
     delimiter = ";"                  # "," unless said
     decimal = ","                    # "." unless said

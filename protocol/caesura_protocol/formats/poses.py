@@ -25,8 +25,9 @@ HERE = Transform((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
 def flange_of(effector: Transform, effector_on_flange: Transform) -> Transform:
-    """Return O_T_F = O_T_EE · (F_T_EE)⁻¹: the flange, from the end effector in base frame and on the
-    flange.
+    """Return the flange O_T_F = O_T_EE · (F_T_EE)⁻¹.
+
+    effector: in the base frame; effector_on_flange: in the flange's frame, all zeros if it was never set.
     """
     if effector_on_flange == HERE or not any(effector_on_flange.orientation):
         return effector

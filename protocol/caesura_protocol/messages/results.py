@@ -96,7 +96,7 @@ class Phase(Message):
 
 
 class Gap(Message):
-    """Lost samples: there are no observations between the two times.
+    """Missing samples: there are no observations between the two times.
 
     If the samples before the first or after the last one are lost, both times are that sample's.
     """
@@ -107,9 +107,7 @@ class Gap(Message):
 
 
 class Result(Message):
-    """Common fields of every result, by which a reader distinguishes old from new and lost from delayed
-    ones.
-    """
+    """Common fields of results: by them a reader distinguishes old from new and lost from delayed ones."""
 
     station: Name
     session: Name

@@ -136,8 +136,9 @@ class _Places:
         self._has_target = np.array([app.target is not None for app in apps], dtype=bool)
 
     def apart(self, app: App) -> NDArray[np.float64]:
-        """Return (n,) the cost of pairing each with the app: 0 for the same target, infinite for another
-        kind.
+        """Return (n,) the cost of pairing each with the app.
+
+        It is 0 for the same target, infinite for another kind.
         """
         if app.target is None:
             cost = self._has_target.astype(np.float64)

@@ -40,8 +40,9 @@ def cell_safety(path: Path, robot: str | None) -> Safety:
 
 
 def re_targeted(safety: Safety, before: str | None, robot: str | None) -> Safety:
-    """Return the limits of a program on another robot: limits that were the earlier robot's defaults
-    change.
+    """Return the limits of a program on another robot.
+
+    Limits that were the earlier robot's defaults become those of the new one.
     """
     was, now = safety_for(before), safety_for(robot)
     own = [name for name in OF_ROBOT if getattr(safety, name) == getattr(was, name)]

@@ -151,8 +151,7 @@ def touching_force(following: App | None) -> Vector | None:
 
 
 def force_in_tool(app: App) -> Vector | None:
-    """Return the force [N] of a press in the tool's axes if its path tilts the tool, so that the force turns
-    with it.
+    """Return the force [N] of a press in the tool's axes if its path tilts the tool: it turns with the tool.
 
     None if the force keeps its direction. An app's force is given at the orientation in the middle of the
     press, which is not exactly the middle of its path. So a force within 45° of the tool's axis is along that

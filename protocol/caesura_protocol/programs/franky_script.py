@@ -74,8 +74,9 @@ def _rows(apps: Sequence[ProgramStep]) -> list[dict[str, Any]]:
 
 
 def _is_passed(app: ProgramStep, following: ProgramStep | None, after: ProgramStep | None) -> bool:
-    """Return whether both apps are one motion of the robot, which does not react to contact or torque
-    meanwhile.
+    """Return whether both apps are one motion of the robot.
+
+    The robot does not react to contact or torque during that motion.
     """
     if following is None or not goes_on(app, following):
         return False

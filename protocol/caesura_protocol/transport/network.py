@@ -41,8 +41,7 @@ NOTHING: ErrorCode = "unknown_session"
 
 
 def nothing_found(instance: str, replies: int = 0) -> ProtocolError:
-    """Return the reply of a service instance that it has no matching content, or no more than `replies`
-    replies.
+    """Return the reply of an instance that has no matching content, or no more than `replies` replies.
 
     A reader compares this number with the received replies, some of which a congested network may lose.
     """

@@ -1,5 +1,4 @@
-"""Compares a program with its demonstration, and reports the taught motion and forces that it does not
-reproduce.
+"""Compares a program with its demonstration, and reports taught motion and forces that it lacks.
 
 Findings are warnings, with one exception: fingers that close away from the object. There is no warning below
 the rounding of the displayed numbers (`reads_above`).

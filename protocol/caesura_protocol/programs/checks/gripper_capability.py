@@ -44,8 +44,9 @@ def _settings(safety: Safety, gripper: GripperDescription) -> Iterator[Finding]:
 
 
 def _unseen_losses(apps: Sequence[App], gripper: GripperDescription) -> Iterator[Finding]:
-    """Yield a warning at each grasp if the gripper reports no loss: the script then continues without the
-    object.
+    """Yield a warning at each grasp if the gripper reports no loss.
+
+    The script then continues without the object.
     """
     if gripper.event != "none":
         return

@@ -26,7 +26,5 @@ def budgets_in_words(budgets: StationBudgets | None, *, least: float = MUCH_USED
 
 
 def held_back(budgets: StationBudgets) -> int:
-    """Return the number of messages of the station that were dropped or refused because of a used-up
-    budget.
-    """
+    """Return how many messages of the station were dropped or refused because a budget was used up."""
     return sum(one.refused for _, one in budgets if isinstance(one, Budget))

@@ -1,5 +1,6 @@
-"""Queries all samples of a session in a range from the service's journal, in bins so narrow that every one
-is returned.
+"""Queries all samples of a session in a range from the service's journal.
+
+Bins are so narrow that every sample is returned.
 """
 
 from __future__ import annotations

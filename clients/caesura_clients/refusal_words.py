@@ -36,8 +36,9 @@ def refusal_words(
 
 
 def _is_time(error: ProtocolError, action: Refused | None) -> bool:
-    """Return whether the value of a refusal is a time: of the action, or one beside the ends of the
-    session.
+    """Return whether the value of a refusal is a time.
+
+    It is a time of the action, or one with the ends of the session as its limit.
     """
     stated = [getattr(action, name, None) for name in ("t", "to")]
     has_ends = isinstance(error.limit, list | tuple) and len(error.limit) == 2

@@ -150,7 +150,5 @@ def _replaced(message: SessionStatus | Posterior | Hints | Program) -> dict[str,
 
 
 def _goes_on(update: Update, message: Segments) -> bool:
-    """Return whether the lists of a message begin at or before the end of the reader's segments and
-    phases.
-    """
+    """Return whether the lists of a message begin at or before the end of the reader's lists."""
     return message.first <= len(update.segments) and message.first_phase <= len(update.phases)

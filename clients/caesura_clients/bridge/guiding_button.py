@@ -1,5 +1,4 @@
-"""Starts a demonstration when the robot's hand-guiding button is pressed; ends it once the button stays
-released.
+"""Starts a demonstration at a press of the robot's hand-guiding button; ends it once it stays released.
 
 Rules, for a bridge in standby that is started by the button:
   a press begins a demonstration; a button that was held before counts from its next press on

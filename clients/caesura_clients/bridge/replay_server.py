@@ -1,6 +1,4 @@
-"""Answers the service's replay requests for batches in a separate thread, because a close may wait for
-them.
-"""
+"""Answers the service's replay requests in a separate thread, because a close may wait for them."""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
-"""`caesura edit-program`: edit the program of a session from the command line. Edits do not change the
-inferred program.
+"""`caesura edit-program`: edit the program of a session from the command line.
+
+Edits do not change the inferred program.
 """
 
 from __future__ import annotations

@@ -1,5 +1,6 @@
-"""`caesura record`: records a live session into a file, on any machine that receives the station's
-samples.
+"""`caesura record`: records a live session into a file.
+
+It runs on any machine that receives the station's samples.
 """
 
 from __future__ import annotations

@@ -1,5 +1,6 @@
-"""`caesura sessions`: lists sessions and shows one. An installed service adds commands that read its
-journal.
+"""`caesura sessions`: lists sessions and shows one.
+
+An installed service adds commands that read its journal.
 """
 
 from __future__ import annotations

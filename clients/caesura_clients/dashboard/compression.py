@@ -1,5 +1,6 @@
-"""Compresses the static files of the pages, so that a page stays below 1 MB. Dynamic content is not
-compressed.
+"""Compresses the static files of the pages, so that a page stays below 1 MB.
+
+Dynamic content is not compressed.
 """
 
 from __future__ import annotations

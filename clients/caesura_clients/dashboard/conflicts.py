@@ -29,8 +29,9 @@ _SUCCESS: Mapping[bool | None, str] = {True: "yes", False: "no", None: ""}
 
 
 class EditConflict(EditRefused):
-    """Another operator has changed a field of the form. found: the current values, in the units of the
-    page.
+    """Another operator has changed a field of the form.
+
+    found: the current values, in the units of the page.
     """
 
     def __init__(self, words: str, found: dict[str, Any]) -> None:
@@ -147,8 +148,9 @@ def _author(app: App, field: str) -> str:
 
 
 def _valued(field: str, value: Any, there: Any = None) -> str:
-    """Return a value of an app as text in the units of the page. there: of a target, None for axes to
-    leave out.
+    """Return a value of an app as text in the units of the page.
+
+    there: of a target, None for axes to leave out.
     """
     if field not in SCALES:
         return _quoted(value)

@@ -1,12 +1,12 @@
-"""Makes the payloads that update a session's drawing: rows of plain values that the browser does not have
-yet.
+"""Makes the payloads that update a session's drawing: rows that the browser does not have yet.
 
-A segment is [t0, tn, kind, probability, final, corrected, runner-up, start, load, deviation, doubt]. Its
-start is [px, py, pz] [m]; load and deviation are [kg] or None; doubt is why a transport may be none. A phase
-is [t0, tn, kind, probability, final, strokes, name], a changepoint [t, probability, final, t_low, t_high,
-corrected], a column of run lengths [t, [[length, probability], …]], a correction [number, words, time of day,
-state, reason]. Times are on the clock of the samples; `start` is the time that is displayed as 0. Signals are
-not in the payload: a page requests those that it shows (`signal_ring.py`).
+Rows have plain values. A segment is [t0, tn, kind, probability, final, corrected, runner-up, start, load,
+deviation, doubt]. Its start is [px, py, pz] [m]; load and deviation are [kg] or None; doubt is why a
+transport may be none. A phase is [t0, tn, kind, probability, final, strokes, name]. A changepoint is [t,
+probability, final, t_low, t_high, corrected]. A column of run lengths is [t, [[length, probability], …]]. A
+correction is [number, words, time of day, state, reason]. Times are on the clock of the samples; `start` is
+the time that is displayed as 0. Signals are not in the payload: a page requests those that it shows
+(`signal_ring.py`).
 """
 
 from __future__ import annotations
@@ -133,9 +133,7 @@ def correction_rows(corrections: Iterable[Correction], clock: SessionClock = NO_
 
 
 def run_lengths(posteriors: Iterable[Posterior]) -> list[Cells]:
-    """Return a column of the run-length image per posterior: the distribution of the current segment's
-    length.
-    """
+    """Return a column of the run-length image per posterior: how long the current segment may have lasted."""
     return [
         [
             round(one.t, 2),

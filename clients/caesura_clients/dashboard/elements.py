@@ -85,8 +85,9 @@ class Tables(LiveElement, component="web/tables.js"):
 
 
 class StartStop(LiveElement, component="web/start_stop.js"):
-    """Buttons Start and Stop of a station (`demonstration_control.controls`). on_ask: called with each
-    request.
+    """Buttons Start and Stop of a station (`demonstration_control.controls`).
+
+    on_ask: called with each request.
     """
 
     def __init__(self, initial: dict[str, Any], on_ask: Callable[[GenericEventArguments], Any]) -> None:
@@ -142,8 +143,9 @@ class RecordingDrop(LiveElement, component="web/recordings.js"):
 
 
 class SessionList(LiveElement, component="web/session_list.js"):
-    """Sessions with search, filters and order: {warning, sessions}. on_older: called to load older
-    sessions.
+    """Sessions with search, filters and order: {warning, sessions}.
+
+    on_older: called to load older sessions.
     """
 
     def __init__(self, initial: dict[str, Any], on_older: Callable[[GenericEventArguments], Any]) -> None:

@@ -1,5 +1,4 @@
-"""Inspects a recording, or plays it to the service, in a separate process, so that it does not block the
-pages.
+"""Inspects a recording, or plays it to the service, in a separate process: pages are not blocked.
 
     python -m caesura_clients.dashboard.playback < job.json
 

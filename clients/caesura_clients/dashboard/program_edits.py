@@ -153,8 +153,9 @@ def _formats_of(robot: str | None) -> list[str]:
 
 
 def app_editing(apps: Sequence[App], index: int) -> dict[str, Any]:
-    """Return the editable content of an app: its reference, values in the page's units, and possible
-    places.
+    """Return the editable content of an app.
+
+    It has its reference, its values in the page's units, and the places to which it can be moved.
     """
     app = apps[index]
     return {
@@ -194,8 +195,9 @@ _UNITS: Mapping[str, tuple[float, str]] = {
 
 
 class CheckedProgram(NamedTuple):
-    """Apps at the times of the document, and the check's findings without a robot, each (severity,
-    reason).
+    """Apps at the times of the document, and the check's findings without a robot.
+
+    A finding is (severity, reason).
     """
 
     apps: Sequence[App]

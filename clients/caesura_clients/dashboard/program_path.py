@@ -43,8 +43,9 @@ class _Drawn(NamedTuple):
 
 
 def program_path(apps: Sequence[App], first: int = 0) -> list[dict[str, Any]]:
-    """Return the rows of the apps from number `first` on, counted from 0. apps: at the times of the
-    document.
+    """Return the rows of the apps from number `first` on, counted from 0.
+
+    apps: at the times of the document.
     """
     rows: list[dict[str, Any]] = []
     place = target_before(apps, first)

@@ -28,10 +28,10 @@ NO_EDIT = 0  # the number of the version without edits
 def compared_versions(
     transport: Transport, station: str, session: str, request: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the comparison of two versions: {said, rows}. request: the numbers of their last edits, {from,
-    to}.
+    """Return the comparison of two versions: {said, rows}.
 
-    A row is {app, was, changes}, each change [value, before, after]. Raises EditRefused.
+    request: the numbers of their last edits, {from, to}. A row is {app, was, changes}, each change [value,
+    before, after]. Raises EditRefused.
     """
     numbers = [request.get(name) for name in ("from", "to")]
     if not all(type(number) is int and number >= NO_EDIT for number in numbers):

@@ -106,8 +106,9 @@ class Playback:
 
 
 class RecordingDesk:
-    """Stores recordings while its context lasts. endpoint, config: a child process's connection to the
-    service.
+    """Stores recordings while its context lasts.
+
+    endpoint, config: a child process's connection to the service.
     """
 
     def __init__(self, endpoint: str | None, config: Path | None) -> None:

@@ -1,5 +1,6 @@
-"""Connects pages, access control and web server. NiceGUI has one application per process, so this runs
-once.
+"""Connects pages, access control and web server.
+
+NiceGUI has one application per process, so this runs once.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""The session history: all sessions that the service holds, and the stored ones that were read, newest
-first.
-"""
+"""The session history: the sessions that the service holds, and stored ones that were read, newest first."""
 
 from __future__ import annotations
 

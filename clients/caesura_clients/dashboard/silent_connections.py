@@ -1,5 +1,4 @@
-"""Bounds the number of connections without a request, because uvicorn waits for each of them without a
-timeout.
+"""Bounds the number of connections without a request, because uvicorn sets no timeout for them.
 
 A silent connection occupies a file descriptor. If they occupied all of them, no visitor could connect, also
 to a dashboard with a password. Beyond MOST_SILENT the connection that has been silent the longest is closed.

@@ -192,8 +192,9 @@ class LiveSession:
         return self._samples(span.columns, rows / in_metres(span.columns, unit), update)
 
     def _begin(self, matrix: Array, now_s: float, received_s: float) -> None:
-        """Estimate the time of day of session time 0: a batch cannot arrive before its last sample was
-        taken.
+        """Estimate the time of day of session time 0.
+
+        A batch cannot arrive before its last sample was taken.
         """
         self._began_s = max(now_s - received_s, -float(matrix[:, 0].min()))
 

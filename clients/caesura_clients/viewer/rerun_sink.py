@@ -1,9 +1,9 @@
-"""Sends a station's messages to a running Rerun viewer, or writes them to an rrd file. Needs the extra
-`rerun`.
+"""Sends a station's messages to a running Rerun viewer, or writes them to an rrd file.
 
-Samples are collected for FLUSH_S and sent as columns, because a call for each sample costs too much at 1 kHz.
-A segment that changes replaces its row in the table of segments; once it is final it is a line of the log.
-The SDK's own server listens on every interface, so this command serves nothing: it connects to a viewer.
+Needs the extra `rerun`. Samples are collected for FLUSH_S and sent as columns, because a call for each sample
+costs too much at 1 kHz. A segment that changes replaces its row in the table of segments; once it is final it
+is a line of the log. The SDK's own server listens on every interface, so this command serves nothing: it
+connects to a viewer.
 """
 
 from __future__ import annotations

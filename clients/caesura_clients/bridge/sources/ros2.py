@@ -59,8 +59,9 @@ class ReceivedMessage(NamedTuple):
 
 
 class LostStretches:
-    """Intervals [s] of the session in which messages were dropped, each from the row before to the row
-    after.
+    """Intervals [s] of the session in which messages were dropped.
+
+    Each is from the row before to the row after.
     """
 
     def __init__(self) -> None:

@@ -1,5 +1,6 @@
-"""The page `/recordings`: an operator drops a recording, answers its open questions, and plays it as a
-session.
+"""The page `/recordings`, on which an operator drops a recording and plays it as a session.
+
+Before it is played the operator answers its open questions.
 """
 
 from __future__ import annotations

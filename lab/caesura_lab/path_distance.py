@@ -17,11 +17,10 @@ Array = NDArray[np.float64]
 def furthest(
     pairs: Iterable[tuple[Array, Array]], tolerance_m: float, tolerance_rad: float
 ) -> tuple[float, float]:
-    """Return the largest distance [m] and angle [rad] from poses (n, 3 or 7) to the nearest ones of a line
-    (m, …).
+    """Return the largest distance [m] and angle [rad] from poses to the nearest ones of a line.
 
-    pairs: of poses and line. The nearest pose has the least √(distance² + angle²), each divided by its
-    tolerance. The angle is 0 without quaternions.
+    pairs: of poses (n, 3 or 7) and line (m, …). The nearest pose has the least √(distance² + angle²), each
+    divided by its tolerance. The angle is 0 without quaternions.
     """
     off_m, off_rad = zip(*(_off(*pair, tolerance_m, tolerance_rad) for pair in pairs), strict=True)
     return max(off_m), max(off_rad)

@@ -1,5 +1,6 @@
-"""`caesura export`: writes a recording in another format, as MCAP with its segments, or several as a
-dataset.
+"""`caesura export`: writes a recording in another format, or several as a dataset.
+
+An MCAP file has its segments, too.
 """
 
 from __future__ import annotations

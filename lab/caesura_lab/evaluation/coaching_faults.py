@@ -259,8 +259,9 @@ def _unclear_corner(taught: CleanDemonstration, rng: np.random.Generator) -> Fau
 def _with_corner(
     taught: CleanDemonstration, first: int, last: int, turn: float, depth: float
 ) -> tuple[Recording, float]:
-    """Return a movement that turns in its middle and slows to a share of its speed, and the time of the
-    turn.
+    """Return a movement with a turn and a dip of the speed in its middle, and the time of the turn.
+
+    turn: its angle [rad]; depth: share of the speed that is left.
     """
     recording = taught.recording
     dt = float(recording.t[1] - recording.t[0])

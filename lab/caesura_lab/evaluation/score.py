@@ -368,8 +368,7 @@ def _force_errors(forces: Sequence[MeasuredQuantity], parts: Sequence[FoundSegme
 
 
 def _screw_errors(screws: Sequence[ScrewStroke], parts: Sequence[FoundSegment]) -> list[tuple[float, float]]:
-    """Return the angle [°] between true and found axis, and the relative error of the advance, of each found
-    screw.
+    """Return the errors of each found screw: angle [°] of its axis, and relative error of its advance.
 
     The found screw is the part with a screw motion that has the most time in common with its stroke.
     """

@@ -1,5 +1,6 @@
-"""Changes the tempo and size of a demonstration, as persons with other habits would: slower, faster,
-smaller, larger.
+"""Changes the tempo and size of a demonstration, as persons with other habits would.
+
+It is slower or faster, smaller or larger.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""A simulated cell for a program whose own cell is unknown: its surfaces and object are inferred from the
-program.
+"""A simulated cell for a program whose own cell is unknown.
 
-There is a level surface of the size of the contact at each contact, and one object of the taught width and
-weight at a grasp. There are no other obstacles, and the friction is that of the teacher's surfaces. So a run
-shows whether the arm can execute the program, not whether the real cell allows it.
+Its surfaces and its object are inferred from the program. There is a level surface of the size of the contact
+at each contact, and one object of the taught width and weight at a grasp. There are no other obstacles, and
+the friction is that of the teacher's surfaces. So a run shows whether the arm can execute the program, not
+whether the real cell allows it.
 """
 
 from __future__ import annotations
@@ -140,8 +140,9 @@ def _check(index: int, app: App) -> None:
 
 
 def _tips(app: App, place: Vector, orientation: Quaternion, *, whole: bool) -> list[Array]:
-    """Return the positions (3,) [m] of the fingertips in contact: at an app's end, or along its `whole`
-    path.
+    """Return the positions (3,) [m] of the fingertips in contact.
+
+    They are those at the end of an app, or along its path if `whole`.
     """
     lever = lever_along(matrix_of(orientation)[:, 2])
     if whole and app.path is not None and app.target is not None:

@@ -103,8 +103,7 @@ def _blend(times: Array, values: Array, passing: Array, here: Array) -> None:
 
 
 def _braked(curve: Curve, arriving: Array) -> Curve:
-    """Return the same path at the taught speed, reduced where it could not brake to the contact speed in
-    time.
+    """Return the same path, slower than taught where it could not brake to the contact speed in time.
 
     A hand approaches a contact faster than a robot may. The robot brakes with about `BRAKE_M_PER_S2`, and
     starts braking gently.

@@ -114,8 +114,9 @@ def _replayed_state(records: Sequence[Record]) -> SessionState:
 
 
 def _session_began_s(records: Sequence[Record]) -> float:
-    """Return the time of day [s] of session time 0: the earliest that a batch allows, with samples from
-    1970 on.
+    """Return the time of day [s] of session time 0: the earliest that a batch allows.
+
+    It is so late that no sample is before 1970.
     """
     ends = [(record.at, times) for record in records if (times := _first_and_last_s(record)) is not None]
     began = min(at - last for at, (_, last) in ends)

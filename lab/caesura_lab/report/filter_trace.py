@@ -92,8 +92,9 @@ def _offline(online: ChangepointFilter, conditioned: ConditionedRecording) -> Ar
 
 
 def _boundary_times(observations: tuple[Observation, ...], *, continuous: bool) -> Array:
-    """Return the start times [s]: a continuous segment begins midway to the sample before, except after a
-    gap.
+    """Return the start time [s] of a segment at each observation.
+
+    A continuous segment begins midway to the sample before, except after a gap.
     """
     joins = [continuous and i > 0 and not one.after_gap for i, one in enumerate(observations)]
     return np.array(

@@ -254,8 +254,9 @@ def _smoothed(places: Array, poses: Array, left_m: float, left_rad: float) -> BS
 
 
 def _with_flange(way: _Way, limits: MotionLimits) -> tuple[Array, Array, Array]:
-    """Return joints, length and turn of the flange (k, n + 2), and limits of their velocity and
-    acceleration.
+    """Return joints, length and turn of the flange (k, n + 2), with limits of velocity and acceleration.
+
+    The limits are (n + 2,).
     """
     step = np.diff(way.poses, axis=0)
     moved = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step[:, :3], axis=1))])

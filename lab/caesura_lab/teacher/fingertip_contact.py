@@ -89,11 +89,11 @@ class FingertipContact:
     def force(
         self, position: Sequence[float], velocity: Sequence[float], dt: float, load_n: float = 0.0
     ) -> Vector:
-        """Return the force on the fingertips [N] at their position [m] and velocity [m/s], in a step of dt
-        [s].
+        """Return the force on the fingertips [N] in a step of dt [s].
 
-        A held load is as deep in the surface as its weight [N] presses it, so that a grasp or release of an
-        object on the surface does not change the hand's force.
+        position [m] and velocity [m/s] are those of the fingertips. A held load is as deep in the surface as
+        its weight [N] presses it. So a grasp or release of an object on the surface does not change the
+        hand's force.
         """
         x, y, z = position
         touched = max(

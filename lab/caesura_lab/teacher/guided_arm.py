@@ -268,8 +268,9 @@ def with_weight(force: Vector, kg: float) -> Vector:
 
 
 def with_inertia(force: Vector, kg: float, jacobian: Array, change: Array) -> Vector:
-    """Return a force [N] less the inertial force of a mass at a Jacobian (3, n), by a change of joint
-    velocity.
+    """Return a force [N] less the inertial force of a mass.
+
+    jacobian: (3, n) of the mass; change: of the joint velocity in a tick.
     """
     fx, fy, fz = force
     dx, dy, dz = jacobian.dot(change).tolist()

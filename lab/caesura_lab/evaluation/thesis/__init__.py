@@ -1,3 +1,1 @@
-"""Reproduces the thesis' results, row by row, on the simulated teacher, with the share of seeds that
-agree.
-"""
+"""Reproduces the thesis' results on the simulated teacher, with the share of seeds that agree, by row."""

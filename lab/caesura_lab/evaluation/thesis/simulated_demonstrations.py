@@ -1,5 +1,4 @@
-"""The thesis' four demonstrations, simulated: the teacher's scenarios with the times of the thesis' tables,
-and their persons.
+"""The thesis' four demonstrations, simulated: scenarios with the times of its tables, and their persons.
 
 A person of this suite has exactly the thesis' times, forces and load, as `THESIS` has: speed, pauses and
 forces times one, no irregularity, hesitation or correction, 250 g. The body and the sensors (`DRAWN`) are
@@ -79,8 +78,9 @@ PRESS_N = 20.0  # "approx 20 Newton", with which the dispenser is pushed to its 
 
 
 def _timed(scenario: Scenario, changes: Mapping[float, tuple[Step, ...]], first: int = 1) -> Scenario:
-    """Return the scenario from its step `first` on, with steps replaced by those of `changes` with the
-    same end.
+    """Return the scenario from its step `first` on, with some steps replaced.
+
+    changes: by the end of a step [s], the steps that replace it.
     """
     steps = (changes.get(step.until_s, (step,)) for step in scenario.steps[first:])
     return replace(scenario, steps=tuple(step for some in steps for step in some))

@@ -1,4 +1,4 @@
-"""Infers the layout of a csv file of other software: delimiter, decimal mark, probable columns.
+"""Infers delimiter, decimal mark, columns and their probable meaning of a csv file of other software.
 
 A guess is a proposal for an operator to confirm. Names used by other software are in `ALIASES`. A unit
 follows from the column's name, such as `Zeit [ms]`, or else it is the one in which the values are plausible.

@@ -135,7 +135,7 @@ class Registry:
     def take_over(
         self, station: str, now: float, *, renew: bool = True
     ) -> Generator[list[Output], None, None]:
-        """Bring the station's sessions up to the journal with the most records; yields after every record.
+        """Bring each of the station's sessions up to its furthest copy; yields after every record.
 
         From then on results have a new epoch, higher than any before. renew: take a new epoch also if no
         record was missing, because another instance may have owned the station; if one has, there always is a
@@ -391,10 +391,10 @@ class Registry:
         return [*self._release_stations(now), *outputs]
 
     def _opening_time(self, station: str, now: float) -> float:
-        """Return the time of an opening [s], later than that of all sessions of the station, also of other
-        instances.
+        """Return the time of an opening [s]; `now` if no other instance has opened a session of the station.
 
-        Sessions are ordered by it, and the last one is the station's current session, also if clocks differ.
+        Otherwise it is later than that of all sessions of the station, also of other instances. Sessions are
+        ordered by it, and the last one is the station's current session, also if clocks differ.
         """
         others = self._journals.peer_last_opened(station)
         if others is None:
@@ -483,7 +483,10 @@ class Registry:
         return session.receive(Close(session=session.name, last_seq=session.next_seq - 1), now)
 
     def _enforce_retention(self, now: float) -> list[Output]:
-        """Remove the sessions that retention has deleted from all journals."""
+        """Enforce the journal's retention, and remove the deleted sessions from memory.
+
+        Every `peer_poll_interval_s` also those that only a peer had and has deleted.
+        """
         gone: dict[Key, str] = {}
         with suppress(JournalError):  # which the journal has said already
             gone |= self._journal.enforce_retention(now)

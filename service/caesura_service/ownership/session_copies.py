@@ -1,4 +1,4 @@
-"""Reads the own journal and its peers, to find the copy of a session with the most records."""
+"""Reads the own journal and its peers, to find the copy of a session that is furthest along."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from caesura_service.journal import (
 
 
 class SessionCopies(NamedTuple):
-    """The valid copies of a session: the own one and the longest peer one; at least one of the two."""
+    """The valid copies of a session: the own one and the furthest peer one; at least one of the two."""
 
     own: Copy | None
     peer: PeerCopy | None  # the furthest one among the peer journals
@@ -32,7 +32,7 @@ class SessionCopies(NamedTuple):
 
     @property
     def best(self) -> Copy:
-        """Return the copy with the most records; the own one if the peer's has no more."""
+        """Return the copy that is furthest along (`Copy.progress`); the own one if the peer's has no more."""
         return max(self._all, key=lambda copy: copy.progress[:-1])
 
     @property
@@ -41,12 +41,12 @@ class SessionCopies(NamedTuple):
 
     @property
     def edits(self) -> int:
-        """The number of edits in either copy."""
+        """The larger number of edits of the two copies."""
         return max(copy.edits for copy in self._all)
 
     @property
     def described(self) -> int:
-        """The number of changes of the description and edits of the program in either copy."""
+        """The larger number of changes of the description and edits of the program, of the two copies."""
         return max(copy.described for copy in self._all)
 
     @property

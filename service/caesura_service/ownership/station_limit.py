@@ -50,8 +50,8 @@ class StationLimit:
     def _in_order(self, stations: Stations, now: float) -> list[str]:
         """Return the stations that can be released, in the order of release.
 
-        First those without an open session, by the opening of their last one; then those without a message
-        for `silent_s` or longer, because a connected bridge sends heartbeats.
+        First those without an open session, by the opening of their last one. Then those without a message
+        for `silent_s` or longer, by their last message: a connected bridge sends heartbeats.
         """
         idle = [station for station in stations if not self._is_busy(station)]
         has_open = {name: any(one.is_open for one in stations[name].values()) for name in idle}

@@ -59,7 +59,10 @@ class StoredSessions:
 
 
 def _edited(snapshot: Snapshot, number: int | None = None) -> Snapshot:
-    """Return the snapshot of an outcome with the edits up to a number applied to its inferred program."""
+    """Return the snapshot of an outcome with its program edits applied to the inferred program.
+
+    An outcome has the inferred program and the list of its edits. number: the last edit to apply; None: all.
+    """
     inferred, log = snapshot.program, log_of(snapshot.program)
     if number is None:
         program = with_edits(inferred, log, pause=give_way)

@@ -95,7 +95,7 @@ class SessionFactory:
 
 
 class Takeover:
-    """Brings sessions of one journal and its peers up to the copy with the most records."""
+    """Brings sessions of one journal and its peers up to the furthest copy (`Copy.progress`)."""
 
     def __init__(self, factory: SessionFactory, journals: JournalSet, own: Journal) -> None:
         self._factory = factory
@@ -104,7 +104,7 @@ class Takeover:
         self._peer_only: set[Key] = set()  # closed sessions that only a peer has
 
     def take_over_session(self, copies: SessionCopies, held: Session | None, owner: Owner) -> Steps:
-        """Return the session up to its best copy; None if unreadable. held: the one in memory."""
+        """Return the session up to its furthest copy; None if unreadable. held: the one in memory."""
         ended_elsewhere = copies.best.closed and (held is None or held.is_open)
         behind = ended_elsewhere or (held is not None and is_behind(held, copies))
         if copies.best.closed and behind:
@@ -233,7 +233,7 @@ class Takeover:
 
 
 def is_behind(session: Session, copies: SessionCopies) -> bool:
-    """Return whether a peer's copy has more records than the session in memory."""
+    """Return whether a peer's copy has records that the session in memory lacks."""
     others = copies.batches
     if others is not None and session.is_open and others.copy.last_seq >= session.next_seq:
         return True

@@ -129,7 +129,7 @@ class Copy(NamedTuple):
 
     @property
     def progress(self) -> tuple[bool, int, int, int, int]:
-        """A sort key that is greater for the copy with more records."""
+        """A sort key that is greater for the copy that is further along: first a closed one."""
         return self.closed, self.last_seq, self.edits, self.described, self.size
 
 
@@ -221,7 +221,7 @@ class Journal(Protocol):
         """Return the sessions with an outcome, the newest first."""
 
     def release(self, station: str, session: str) -> None:
-        """Release a closed session from memory: retention may delete it from now on."""
+        """Release a closed session, which is no longer in memory: the journal decides whether to keep it."""
 
     def check_readable(self) -> None:
         """Read everything once. Raises JournalError if the disk refuses that."""

@@ -37,7 +37,7 @@ _OVERHEAD_BYTES = 1000  # of a record beside its content
 class MemoryJournal:
     """Records in lists, one per session.
 
-    At capacity the station with the most bytes loses its oldest session. If that is the session being
+    Over its capacity the station with the most bytes loses its oldest session. If that is the session being
     recorded, it gets no further batches and changes; it can still be closed.
     """
 

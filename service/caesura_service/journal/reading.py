@@ -54,7 +54,7 @@ class BatchSource(Protocol):
     """A source of recorded batches; any thread may read."""
 
     def find(self, key: Key) -> SessionExtent | None:
-        """Return the copy of a session with the most records; None without one. Raises JournalError."""
+        """Return the copy of a session that is furthest along; None without one. Raises JournalError."""
 
     def pages(
         self, key: Key, extent: SessionExtent, beyond: int, last: int
@@ -77,7 +77,7 @@ class FileBatches:
         self._directory, self._own = directory, own
 
     def find(self, key: Key) -> SessionExtent | None:
-        """Return the copy with the most records in any journal.
+        """Return the copy in any journal that is furthest along.
 
         Without one, an unreadable journal raises JournalError.
         """

@@ -5,9 +5,9 @@ a clock was years ahead, a copy was restored, or the service did not run.
 
 Stations share its size fairly. A station's part is the size to which the largest stations have to shrink so
 that all of them fit. Past the size, the largest station over its part loses its oldest closed sessions; a
-station within its part loses nothing. Open sessions are never deleted for their size: `open_sessions` bounds
-them. The number of sessions of a station is bounded too, because the search for sessions to delete takes time
-for each.
+station within its part loses nothing to another. Open sessions are never deleted for their size:
+`open_sessions` bounds them. The number of sessions of a station is bounded too, because the search for
+sessions to delete takes time for each.
 """
 
 from __future__ import annotations
@@ -74,7 +74,8 @@ def expiry(touched: Iterable[float], now: float, age_s: float) -> float:
 def excess(usages: Sequence[StationUsage], settings: JournalSettings) -> Excess | None:
     """Return the sessions to delete next: of a station with too many, or of the largest one over its part.
 
-    The largest station is reduced to the size of the next one, or to its part.
+    The largest station loses no more than brings it to the size of the next one, or to its part. None if
+    nothing must be deleted.
     """
     many = max(usages, key=lambda one: one.sessions, default=None)
     if many is not None and many.closed and many.sessions > settings.sessions:

@@ -158,7 +158,7 @@ class SessionRow(NamedTuple):
 
     @property
     def is_intact(self) -> bool:
-        """Whether the row matches its checksum."""
+        """Whether the row matches its checksum, or has none."""
         return is_intact(self.crc, *self[:8])
 
 

@@ -103,8 +103,8 @@ class SqliteJournal(SqliteWriter):
     """The journal in one file, while the context lasts.
 
     Raises JournalError on entry if the file is not a journal, is of a newer version, or cannot be written;
-    with `alone`, also if another process has locked it. Without `alone`, it reads the journal of a running
-    service.
+    with `alone`, also if another process has locked it. Without `alone`, it may be the journal of a running
+    service, to read it or to delete sessions.
     """
 
     def __init__(self, path: Path, settings: JournalSettings | None = None, *, alone: bool = True) -> None:
@@ -261,7 +261,7 @@ class SqliteJournal(SqliteWriter):
             read_through(self.path)
 
     def quarantine(self, station: str, session: str, why: str) -> str:
-        """Rename a session to a unique name; return it."""
+        """Rename a session to a name that no other can have; return it."""
         self.commit()
         with self._writing, map_sqlite_errors(self.path):
             row = self._database.execute(SELECT_EXTENT, (station, session)).fetchone()

@@ -40,9 +40,9 @@ def validated_samples(batch: SampleBatch, columns: tuple[str, ...], limits: Limi
 
 
 def is_usual(samples: NDArray[np.float64], limits: Limits) -> bool:
-    """Return whether `validated_samples` would accept each batch of these samples (n, columns).
+    """Return True only if `validated_samples` would accept each batch of these samples (n, columns).
 
-    After False, each batch must be validated separately.
+    After False it may accept some or all: each batch must be validated separately.
     """
     if not np.vdot(samples, samples) <= limits.value**2:
         return False

@@ -1,4 +1,4 @@
-"""The limits of sessions and of the registry, by name."""
+"""All limits of sessions and of the registry, by name."""
 
 from __future__ import annotations
 

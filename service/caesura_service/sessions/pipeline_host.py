@@ -128,9 +128,10 @@ class PipelineHost:
     def push_together(
         self, samples: NDArray[np.float64], batches: int, *, without_program: bool = False
     ) -> list[Output]:
-        """Push the samples of several batches of one size, with the results of separate pushes, if `due_s`
-        allows it.
+        """Push the samples of several batches of one size, with the results of separate pushes.
 
+        The caller has made sure that `due_s` allows it. If a batch is invalid, the joint push changes nothing
+        and the batches are pushed one by one.
         without_program: postpone a due program to `make_due_program`, which must be called next.
         """
         take = self._pipeline.push_without_program if without_program else self._pipeline.push

@@ -9,8 +9,8 @@ Rules
   record before it is acknowledged.
 - A batch is processed in sequence, exactly once (`batch_receiver`).
 - A restarted bridge opens the session again with a higher epoch and continues numbering at the `next_seq` of
-  the acknowledgement: batches that its predecessor had not delivered are lost. Until the session is opened
-  again, its batches are refused; those of an older epoch always are.
+  the acknowledgement: batches that its predecessor had not delivered are lost. Until the new bridge has
+  opened the session, its batches are refused; those of an older epoch always are.
 """
 
 from __future__ import annotations
@@ -159,7 +159,7 @@ class Session:
     def apply_peer_records(
         self, records: Iterable[Record], edits: Iterable[AppliedEdit] = ()
     ) -> Iterator[None]:
-        """Apply and record the records of another instance of this session; yield after each record.
+        """Apply and record another instance's records of this session; yield after each record.
 
         edits: as in `replay_records`. Publishes nothing. Raises as `receive`.
         """

@@ -5,7 +5,7 @@ Rules
   never change, so corrections have the same effect whether they are applied from the first sample or at the
   end.
 - Removing a changepoint forbids starts from the changepoint before it to the one after it. If only its own
-  observation were forbidden, the filter would put it at the next one.
+  observation were forbidden, the filter would put it right beside.
 - Of two corrections of one observation the later one counts.
 - A kind, a force limit or a name applies to the segment, app or phase that covers the middle of the corrected
   one: so it is found again after its ends have moved.

@@ -150,7 +150,7 @@ class _Happened(NamedTuple):
 
 
 class _Looked(NamedTuple):
-    """The state at the last update of the segments: numbers of observations, and their other inputs."""
+    """The numbers of observations at the last update of segments and of program, and the other inputs."""
 
     observations: int = -LOOK_EVERY
     program: int = -PROGRAM_EVERY

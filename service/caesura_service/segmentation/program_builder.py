@@ -1,12 +1,12 @@
 """Incremental construction of the task program: apps before a quiet place are built only once.
 
-A quiet place is a final segment whose apps do not depend on earlier segments, and at whose start the gripper
-does nothing. It is a motion that does not continue an earlier one, does not follow a contact by two segments,
-is not part of a carry, is too long for the end of another motion, and is not followed by a contact into which
-it may press something. The program is then that of the segments before it, followed by that of the segments
-from it on. If there is no quiet place in MOST_UNQUIET segments, the apps are divided at the last of them
-without contact. A gap that affects earlier segments is known by then: a gap ends where a segment begins, and
-the quiet place is a segment.
+A quiet place is a settled segment whose apps do not depend on earlier segments, and at whose start the
+gripper does nothing. It is a motion that does not continue an earlier one, does not follow a contact by two
+segments, is not part of a carry, is too long for the end of another motion, and is not followed by a contact
+into which it may press something. The program is then that of the segments before it, followed by that of the
+segments from it on. If there is no quiet place in MOST_UNQUIET segments, the apps are divided at the last of
+them without contact. A gap that affects earlier segments is known by then: a gap ends where a segment begins,
+and the quiet place is a segment.
 """
 
 from __future__ import annotations
@@ -68,8 +68,9 @@ class IncrementalProgramBuilder:
     ) -> Sequence[App]:
         """Return the apps of a demonstration, in time order.
 
-        steps: from segment `first` on; settled: the number of final segments; grips and gaps: all known ones,
-        in time order. If a new grip lies before `since`, the caller must start with a new builder.
+        steps: from segment `first` on; settled: the number of segments that nothing can change any more;
+        grips and gaps: all known ones, in time order. If a new grip lies before `since`, the caller must
+        start with a new builder.
         """
         grips = _from_last_before(grips, steps[0].segment.t0 - GRIP_SLACK_S) if steps else grips
         rest = [grip for grip in grips if grip.t > self.since]
@@ -133,7 +134,7 @@ class IncrementalProgramBuilder:
     ) -> int:
         """Return the last quiet place among the next settled steps after `begin`; 0 if there is none.
 
-        Of MOST_UNQUIET steps the last one without contact counts as quiet.
+        Of MOST_UNQUIET steps the last one without contact counts as quiet, from wherever the steps begin.
         """
         last = min(settled - 1, begin + MOST_UNQUIET)
         for i in range(last, begin, -1):
@@ -152,7 +153,7 @@ class IncrementalProgramBuilder:
         return next(apart, last)
 
     def _touched_earlier(self, steps: Sequence[ProgramSegment], i: int) -> bool:
-        """Return whether the last long step, up to two before step `i`, is in contact."""
+        """Return whether the last step that lasts, among those up to step `i` − 2, is in contact."""
         earlier = next((steps[k] for k in range(i - 2, -1, -1) if self._lasts(steps[k])), None)
         return earlier is not None and earlier.touches
 

@@ -94,8 +94,8 @@ class Segmenter:
     def step(self, index: int) -> None:
         """Filter an observation, with its corrections.
 
-        A segment without a gap before it begins between two observations. Its start is shown midway, until
-        the next observation determines its place.
+        With a continuous preset, a segment without a gap before it begins between two observations. Its start
+        is shown midway, until the next observation determines its place.
         """
         history, after_gap = self._history, self._history.after_gap(index)
         joins = index and self._preset.continuous and not after_gap

@@ -70,7 +70,7 @@ def notes_beside_tables(view: PipelineView) -> tuple[str, ...]:
 
 
 class Pipeline(Protocol):
-    """Maps samples to a view. Pure: the same pushes give the same view."""
+    """Maps samples to a view. Pure: the same pushes give the same view, whatever else runs."""
 
     @property
     def view(self) -> PipelineView:

@@ -65,9 +65,9 @@ def append(array: NDArray[Any], row: ArrayLike) -> NDArray[Any]:
 
 
 def log_presence(squared: ArrayLike, least: float) -> Array:
-    """Return the log weight 1 − exp(−z²/2 least²) of a quantity that must differ from 0.
+    """Return the log of the weight 1 − exp(−z²/2 least²) of a quantity that must differ from 0.
 
-    squared: z²; 0 if `least` is 0.
+    squared: z². The log weight is 0 if `least` is 0.
     """
     if not least:
         return np.zeros_like(np.asarray(squared, float))
@@ -76,9 +76,9 @@ def log_presence(squared: ArrayLike, least: float) -> Array:
 
 
 def log_absence(squared: ArrayLike, most: float) -> Array:
-    """Return the log weight exp(−z²/2 most²) of a quantity that must be near 0.
+    """Return the log of the weight exp(−z²/2 most²) of a quantity that must be near 0.
 
-    squared: z²; 0 if `most` is 0.
+    squared: z². The log weight is 0 if `most` is 0.
     """
     if not most:
         return np.zeros_like(np.asarray(squared, float))
@@ -97,7 +97,7 @@ class Noise:
     """Prior of the residuals: Student-t about the model, with the variance integrated out.
 
     Their scale [unit] combines `floor`, the residual of sensor and hand at rest, with a share of the
-    segment's length: a person's path differs from any profile by a few per cent of its length
+    segment's displacement: a person's path differs from any profile by a few per cent of its length
     (signal-dependent noise, Harris & Wolpert 1998). Persons differ: `shares` are equally likely, and the
     evidence is their mixture. nu0: degrees of freedom of the prior scale.
 
@@ -134,7 +134,7 @@ class Noise:
     ) -> Array:
         """Return the log evidence of whitened residuals over all axes.
 
-        n: (h,) values per axis; ssr: (h, 3, …) [unit²]; extent2: (h,) [unit²] squared length of the segment;
+        n: (h,) values per axis; ssr: (h, 3, …) [unit²]; extent2: (h,) [unit²] squared displacement;
         whitened: (h,) number of whitened values per axis; log_scale: (h, 1, …) Σ log of the scales by which
         the values of an axis were divided. Returns (h, 3 or 1, …): one entry per axis, or one if pooled.
         """

@@ -18,9 +18,10 @@ class ConstantVelocity:
     """x(t) = β₀ + β₁ t + ε on each axis, β ~ N(0, σ²/κ₀ I), σ² ~ scaled inverse chi-squared(ν₀, σ₀²).
 
     The thesis states no units, and its zero-mean prior of β₀ makes the result depend on the origin. So each
-    segment is centred on its first sample, and positions are in units of `length_unit_m` [m]. β* = (ΦᵀΦ + κ₀
-    I)⁻¹ Φᵀ x (the thesis has a minus). The determinant of the prior precision is κ₀ to the number of
-    coefficients, on top, not below (3.17).
+    segment is centred on its first sample, and positions are in units of `length_unit_m` [m].
+
+    β* = (ΦᵀΦ + κ₀ I)⁻¹ Φᵀ x (the thesis has a minus). The determinant of the prior precision is κ₀ to the
+    number of coefficients, on top, not below (3.17).
     """
 
     nu0: float

@@ -19,8 +19,8 @@ class NoContactRise:
 
     The rise is the increase of the force [N], within `reach` observations after the first, over that of the
     observation before the start; 0 for a decrease. A bias may be large, and drifts slowly. So free space may
-    have the force of a light contact, and still not begin where the force rises. The first observation of a
-    recording has no rise.
+    have the force of a light contact, and still not begin where the force rises. Before the first
+    observation of a recording its own force counts.
 
     scale [N]: variation of the force of a free movement within these observations. most_kg [kg]: the weight
     of a load up to this is subtracted from the force, because a load appears without a contact.

@@ -10,9 +10,9 @@ class FilterParameters:
     """The bounds on the work of a filter, and its threshold for a certain changepoint.
 
     Hypotheses below `prune_ratio` relative to the best are dropped (thesis (2.34), with the inequality
-    corrected), but never the `keep_youngest`, whose evidence is still small (a movement that has just begun
-    fits no profile yet; two seconds are one movement); at most `cap` live. `window`: number of past samples
-    over which changepoints are smoothed.
+    corrected), but never the `keep_youngest`, which have too few samples to be judged (a movement that has
+    just begun fits no profile yet; two seconds are one movement). At most `cap` live. `window`: number of
+    past samples over which changepoints are smoothed.
 
     A changepoint of the best segmentation is certain when its smoothed probability, that of its neighbours
     included, passes `certain` with `certain_after` samples seen since it; 1 leaves all to coalescence. The

@@ -97,8 +97,8 @@ class RunLengthFilter(SmoothedProbabilities):
         segment.
 
         changepoint: whether a segment starts at it, if known (a hazard of 1 or 0). False is ignored for the
-        first observation. After a gap or a known start every kind may follow every other. Raises ValueError
-        if a value is not finite, and then changes nothing.
+        first observation, and for the first after a gap. After a gap or a known start every kind may follow
+        every other. Raises ValueError if a value is not finite, and then changes nothing.
         """
         check_finite(observed, self.count)
         if self.count and (boundary or changepoint):

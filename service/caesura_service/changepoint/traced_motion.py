@@ -28,7 +28,7 @@ class TracedMotion:
     predict the next one. The mean of many steps does, so a traced line is neither a rest nor many movements.
 
     floor: scale of the noise [m per step]; speed: scale of the velocity [m per step]. away [m] weighs the
-    displacement of the last `away_steps` steps as in `GuidedMotion`.
+    displacement of the last `away_steps` steps as in `GuidedMotion`: a tracing hand is elsewhere by then.
     """
 
     floor: float

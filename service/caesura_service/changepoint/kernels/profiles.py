@@ -280,9 +280,9 @@ def weigh_each(evidence, residuals, scales, prior, constant, half):
 
 @compiled
 def over_profiles(here, channel, place, peak):
-    """Return the mixture or maximum over profiles and shares of a group.
+    """Add the mixture or maximum over profiles and shares of a group to `work`: its peak and its sum.
 
-    `log_evidence`: (blocks · shares, profiles).
+    `log_evidence`: (blocks · shares, profiles); `work[PEAK]` adds the peak, `work[TOTAL]` multiplies the sum.
     """
     state, total = state_at(here), 0.0
     if not channel.maximum:

@@ -167,7 +167,7 @@ def opens(state, place):
 def count_ages(here):
     """Count the observations of each segment.
 
-    With step models the first of a recording, without a step, is omitted.
+    With step models the first one of a recording, or after a gap, has no step and is omitted.
     """
     model, state = model_at(here), state_at(here)
     me = state.counters[0]
@@ -349,7 +349,7 @@ def join(here):
 
 @compiled
 def sum_pairs(here, place):
-    """Return the joint probability of a hypothesis, summed over its groups."""
+    """Compute the log joint of a hypothesis, summed over its groups, to `state.joint`."""
     state = state_at(here)
     pairs, peak, total = state.pairs, -math.inf, 0.0
     for group in range(pairs.shape[0]):

@@ -5,8 +5,8 @@ is in contact or not, so every force is drawn from a mixture of two densities:
 
     p(F) = π N(m, b² I) + (1 − π) N(0, c² I)
 
-free space with mean m and scale b, or contact with a broad scale c. r is the probability of free space, given
-the observations before:
+free space with mean m and scale b, or contact with a broad scale c. r is the probability of free space for
+a force, with m and b as they were before it:
 
     m  = (n m0 + w Σ r F) / (n + w Σ r)
     b² = (ν b0² + w Σ r |F − m|²) / (ν + 3 w Σ r)

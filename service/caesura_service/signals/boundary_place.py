@@ -46,8 +46,8 @@ class RecentRows(NamedTuple):
     def boundary(self, every: int, grid_hz: float, arithmetic: Backend, *, contact: bool) -> float | None:
         """Return the start [s] of a segment whose first observation is the last but one.
 
-        None without its rows. every: grid rows from one observation to the next. contact: whether the force
-        shows contact.
+        None without its rows, or if the force changes as at a contact. every: grid rows from one observation
+        to the next. contact: whether the force shows contact.
         """
         if len(self.times) < STEPS or min(map(len, self.speeds)) < every:
             return None

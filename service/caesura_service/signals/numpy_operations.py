@@ -28,6 +28,7 @@ def take(samples: Array, plan: Array, quaternion: int, tolerance: float, taken: 
     """Copy and scale columns of samples (n, columns) into (n, taken); return whether all values are valid.
 
     plan: (3, columns) the limit of a column's absolute value, its target column, -1 for none, and its scale.
+    Nan is invalid in every column.
     quaternion: the first target column of a quaternion, -1 without one; its length must be 1 ± tolerance.
     """
     limits, places, scales = plan

@@ -31,7 +31,10 @@ def lengths(vectors: Array) -> Array:
 
 
 def make_sign_continuous(quaternions: Array) -> None:
-    """Negate rows (n, 4) so that successive ones have dot products >= 0; q and -q are the same rotation."""
+    """Negate rows (n, 4) after the first, so that successive ones have dot products >= 0.
+
+    q and -q are the same rotation.
+    """
     turned = np.vecdot(quaternions[1:], quaternions[:-1]) < 0.0
     if np.count_nonzero(turned):
         quaternions[1:] *= np.where(turned, -1.0, 1.0).cumprod()[:, None]

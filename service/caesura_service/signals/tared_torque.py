@@ -39,10 +39,10 @@ def tared_torque(row: Array, columns: FlangeColumns, bias: Vector) -> Array:
 
 
 def about(point: Array, positions: Array, forces: Array, torques: Array) -> Array:
-    """Torques (n, 3) [Nm] about a point (3,) [m] of wrenches that are given about other points.
+    """Return torques (n, 3) [Nm] about a point (3,) [m] of wrenches that are given about other points.
 
-    positions: (n, 3) [m] those points; forces: (n, 3) [N]; torques: (n, 3) [Nm] about them. M_c = M_p + (p −
-    c) × F.
+    positions: (n, 3) [m] those points; forces: (n, 3) [N]; torques: (n, 3) [Nm] about them. The moment of the
+    lever from the point is subtracted: M_c = M_p + (p − c) × F.
     """
     return np.asarray(torques + np.cross(positions - point, forces))
 

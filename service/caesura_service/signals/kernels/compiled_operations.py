@@ -133,7 +133,10 @@ def interpolate(samples, i, t, row):
 
 @compiled
 def average(samples, start, stop, left, right, row, following):
-    """Replace `row`, the values at the left edge, by the mean up to the right edge (trapezium rule)."""
+    """Replace `row`, the values at the left edge, by the mean up to the right edge (trapezium rule).
+
+    start, stop: the samples between the edges; following: the values at the right edge.
+    """
     if start == stop:
         for c in range(row.size):
             row[c] = 0.5 * (row[c] + following[c])

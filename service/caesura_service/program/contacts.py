@@ -121,8 +121,9 @@ def _touching(
     forces: NDArray[np.float64],
     context: Context,
 ) -> ProgramSegment:
-    """Return a step as a contact if its force along a normal exceeds a base and the tool does not move
-    away.
+    """Return a step as a contact if its force along a normal stays above a base, and the tool stays.
+
+    least_n: how far it stays above the base [N].
     """
     leaves = float(step.moved @ normal) > max(OUT_M, OUT_SHARE * length(step.moved))
     if leaves or not len(forces) or _least_lasting((forces - base) @ normal) < least_n:

@@ -35,7 +35,10 @@ def with_whole_movements(steps: Sequence[ProgramSegment], context: Context) -> l
 
 
 def _moves_on(movement: ProgramSegment, step: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Return whether a movement in the air continues into a step of its kind, without a stop or a corner."""
+    """Return whether a movement in the air continues at once in a step of its kind.
+
+    That is, without a stop or a corner between them.
+    """
     one, two = movement.segment, step.segment
     if one.corrected or two.corrected or step.parts[0].is_set_apart:
         return False

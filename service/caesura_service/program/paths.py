@@ -42,7 +42,7 @@ class Paths:
     """Paths between times of one demonstration.
 
     poses_between: returns times (n,) [s] and flange poses (n, 3 or 7) between two times, at least one;
-    settled_until: time [s] after which segments still change and have no path.
+    settled_until: time [s]; what ends after it still changes and has no path.
     """
 
     poses_between: PosesBetween
@@ -219,8 +219,9 @@ def deviations(
 
 
 def _projected(away: Array, step: Array) -> tuple[Array, Array]:
-    """Return the share (…) of a segment at its point nearest to a given point, and the vector (…, c) from
-    there.
+    """Return the share (…) of a segment at its place nearest to a point, and the vector (…, c) from there.
+
+    away: (…, c) of the point from the segment's start; step: (…, c) from its start to its end.
     """
     share = np.clip(np.vecdot(away, step) / np.maximum(np.vecdot(step, step), 1e-18), 0.0, 1.0)
     return share, away - share[..., None] * step

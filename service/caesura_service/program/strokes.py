@@ -380,8 +380,9 @@ def _one_way(parts: Sequence[ProgramSegment]) -> ProgramSegment:
 
 
 def _turns_on(turn: ProgramSegment, step: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Return whether a turn continues in a step about the same axis, without a stop, and with the same
-    force.
+    """Return whether a turn continues in a step about the same axis, without a stop.
+
+    In contact, it must also press in the same way (`_pressed_as`).
     """
     one, two = turn.segment, step.segment
     named = one.corrected or two.corrected or step.is_set_apart

@@ -184,7 +184,7 @@ class _Server(ThreadingHTTPServer):
             self._places.release(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Ignore the error of a client that closed its connection."""
+        """Ignore errors of a connection: a client that closes it is no event."""
 
 
 def _handler(page: Callable[[str, str], HttpResponse]) -> type[BaseHTTPRequestHandler]:

@@ -1,8 +1,8 @@
 """Counters of each station since the start of the process.
 
-The registry's thread counts, and any thread reads. Counters are updated in place, because they change fifty
-times a second for each station. The counters of a station that this instance no longer has are dropped, so
-there are never more than the registry has stations.
+The registry's thread counts, and any thread reads: a number is only replaced by a greater one. Counters are
+updated in place, because they change fifty times a second for each station. The counters of a station that
+this instance no longer has are dropped, so there are never more than the registry has stations.
 """
 
 from __future__ import annotations

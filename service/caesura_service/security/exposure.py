@@ -60,7 +60,10 @@ def resolve_host(host: str) -> Sequence[str]:
 
 
 def is_local(endpoint: str, resolve: Resolve = resolve_host) -> bool:
-    """Return whether every address of an endpoint's host is a loopback address."""
+    """Return whether only this machine reaches an endpoint.
+
+    That is so by its protocol, or if each address of its host is a loopback.
+    """
     parsed = parse_endpoint(endpoint)
     if parsed.protocol in ON_THIS_MACHINE:
         return True

@@ -93,7 +93,7 @@ def _dashboard(_name: str) -> Access:
 
 
 def _operator(name: str) -> Access:
-    """Return the access of a viewer that may also command every station, and start and stop its bridge."""
+    """Return the access of a dashboard that may also command every station, and start and stop its bridge."""
     reader = _dashboard(name)
     return Access(
         subscribe=reader.subscribe,

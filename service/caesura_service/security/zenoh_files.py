@@ -1,7 +1,7 @@
 """The json5 files that Zenoh reads: one for the router, and one for each client.
 
-Each file contains its certificates and keys. So it is the only file to copy to a machine, and contains no
-path.
+Each file contains its certificates and keys. So it is the only file to copy to a machine, and no path to them
+can be wrong there. A router with passwords names one more file, the dictionary of its users.
 """
 
 from __future__ import annotations

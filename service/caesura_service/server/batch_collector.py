@@ -32,7 +32,7 @@ MISSES, EVERY = 8, 64  # payloads without a layout, after which only some are lo
 
 @dataclass(slots=True)
 class _Source:
-    """The held batches of a station's key, and the number and time of the next expected batch."""
+    """The held batches of a station's key, the next expected number, and the time of the next observation."""
 
     station: str
     layout: BatchLayout | None = None

@@ -62,5 +62,8 @@ class Membership:
         return frozenset({self._me, *self._live, *self._until})
 
     def next_change_s(self, now: float) -> float:
-        """Return the time [s] at which the next instance stops being a member; infinite if none does."""
+        """Return the time [s] at which the next instance stops being a member without an event.
+
+        Infinite if none does.
+        """
         return min((until for until in self._until.values() if until > now), default=float("inf"))

@@ -285,7 +285,7 @@ def _with_port(endpoint: str) -> str:
 
 
 def _allow_open_files() -> None:
-    """Raise the limit of open files of this process to its maximum: each silent connection uses one."""
+    """Raise this process' limit of open files, to OPEN_FILES if it may: each silent connection uses one."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = OPEN_FILES if hard == resource.RLIM_INFINITY else min(hard, OPEN_FILES)
     if soft != resource.RLIM_INFINITY and soft < wanted:

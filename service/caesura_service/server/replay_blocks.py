@@ -17,7 +17,7 @@ class ReplayBlocks:
     def __init__(
         self, pass_on: Callable[[RawPayload], None], pass_on_block: Callable[[BatchBlock], None]
     ) -> None:
-        """pass_on, pass_on_block: process a reply that is no batch, or several batches."""
+        """pass_on: processes a reply without a `BatchLayout`; pass_on_block: processes several batches."""
         self._pass_on, self._pass_on_block = pass_on, pass_on_block
         self._layout: BatchLayout | None = None
         self._first, self._payloads = 0, list[bytes]()

@@ -202,7 +202,9 @@ class ZenohServer:
             stack.callback(self._poller.declare_queryable(network, asked, handle).undeclare)
 
     def _await_name(self, network: Network, patience_s: float) -> None:
-        """Wait until no other instance has the own name. Raises NetworkError after patience_s.
+        """Wait until no other instance has the own name.
+
+        Raises NetworkError after patience_s [s], or if the service is stopped.
 
         Two instances of one name would serve the same stations: each command would be executed twice, and
         every result would be published twice.

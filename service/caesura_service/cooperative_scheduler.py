@@ -11,7 +11,7 @@ when the caller requests it.
 A greenlet is reused for the next work, because a new stack takes more memory than most messages do.
 
 Rules
-- Until the work ends, other threads see its session as before it began; after `stand_aside`, as of that call.
+- Until the work ends, others see its session as before it began; after `stand_aside`, as of that call.
 - Before a station changes its owner its work is completed (`finish`).
 """
 

@@ -1,4 +1,7 @@
-"""Checks that the packages of the extra `service` are installed, without importing them."""
+"""Checks that the packages of the extra `service` are installed.
+
+None of them is imported, because that takes a second.
+"""
 
 from __future__ import annotations
 

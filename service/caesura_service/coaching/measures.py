@@ -214,7 +214,10 @@ class Meter:
     def _of_force(
         self, state: MotionState, pose: ObservedPose, dt: float
     ) -> tuple[DriftState, float, float, float]:
-        """Return the bias state after a force, the hand's push, and the driving and stray force [N]."""
+        """Return the bias state after a force, the hand's push, and the driving and stray force [N].
+
+        The push is the cumulative sum (Page 1954) of the driving force beyond the predicted bias.
+        """
         x, y, z = pose.velocity
         speed = math.sqrt(x * x + y * y + z * z)
         tracker = self._tracker if state.zero is None else self._zeroed_tracker

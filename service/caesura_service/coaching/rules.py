@@ -50,7 +50,10 @@ def _hand_level(m: Measures, setup: CoachingSetup) -> float:
 
 
 def _joint_level(m: Measures, _setup: CoachingSetup) -> float:
-    """Return the level of the joint that is closest to a limit: 1 at the margin, 2 at the limit."""
+    """Return the level of the joint that comes closest to a limit: 1 at the margin, 2 at the limit.
+
+    0 is two margins away. If a joint is within the margin now, the level is at least LOUD.
+    """
     ahead = 2.0 - m.arm.joint_left_rad / JOINT_MARGIN_RAD
     return max(ahead, LOUD) if m.arm.left_now_rad <= JOINT_MARGIN_RAD else ahead
 

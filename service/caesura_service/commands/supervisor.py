@@ -41,7 +41,10 @@ class InstanceError(Exception):
 
 
 class Instance:
-    """A process that a thread restarts whenever it ends, from `start` to `end`."""
+    """A process that a thread keeps running from `start` to `end`.
+
+    It is restarted when it ends, except if it ends before it was ready for the first time.
+    """
 
     def __init__(
         self,

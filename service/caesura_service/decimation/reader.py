@@ -62,7 +62,7 @@ class SampleReader:
         """Return the samples of a session in a range, decimated; None if slice_s was too short.
 
         The next call continues. Columns that the session lacks are left out. Raises ProtocolError
-        `unknown_session` if the journal has no batch of it; JournalError.
+        `unknown_session` if the journal has no copy of it; JournalError.
         """
         overview, is_complete = self._overview(owned, slice_s)
         if not is_complete:

@@ -1,8 +1,8 @@
 """The part of a movement that retraces the path of its phase.
 
 A path is cut into pieces of `PIECE_M`. A piece is retraced if an earlier piece of the phase is nearby and has
-the same direction, and the path between the two is longer than their distance. So a stroke does not retrace
-itself, and a way back does not retrace the way there.
+the same direction, and the path between the two is longer than APART times the distance that counts as
+nearby. So a stroke does not retrace itself, and a way back does not retrace the way there.
 """
 
 from __future__ import annotations

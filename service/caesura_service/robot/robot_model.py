@@ -65,7 +65,7 @@ class HandDynamics(NamedTuple):
 
 
 class Robot:
-    """An arm of n joints from the base to the flange, with its tool. Made by `load_robot`."""
+    """An arm of n joints from the base to the flange, with what is mounted on it. Made by `load_robot`."""
 
     def __init__(self, model: pin.Model, description: RobotDescription) -> None:
         self.description = description
@@ -263,9 +263,9 @@ class Robot:
         )
 
     def joints_along(self, poses: ArrayLike, q_start: ArrayLike) -> Array:
-        """Joints (m, n) [rad] along poses (m, 7), position [m] and quaternion, each by the least motion.
+        """Return joints (m, n) [rad] along poses (m, 7), each by the least motion.
 
-        q_start: near the first pose. Joint limits are not checked. Raises ReachError if a pose is out of
+        poses: position [m] and quaternion; q_start: near the first pose. Joint limits are not checked. Raises ReachError if a pose is out of
         reach, or the step to it is too long for `ALONG_STEPS` Newton steps q ← q + J⁺ error.
         """
         q = self._checked(q_start).copy()

@@ -25,9 +25,9 @@ class FrictionConeWeight:
 
     Coulomb: the force lies in a cone about the surface's normal, with a friction coefficient of at most 1.
     With f∥ along the step and f⊥ across it, every sample is weighed by 1 − exp(−f⊥²/2 least²), because there
-    always is a normal force, and by exp(−e²/2 least²) with e = max(f∥, −f∥ − f⊥, 0), by which the force
-    exceeds the cone. A tool that pushes a yielding object in, or is pushed back by it, does not slide; nor
-    does a free movement with a bias along it. The weight is at most 1.
+    always is a normal force. It is also weighed by exp(−e²/2 least²) with e = max(f∥, −f∥ − f⊥, 0), by which
+    the force exceeds the cone. A tool that pushes a yielding object in, or is pushed back by it, does not
+    slide; nor does a free movement with a bias along it. The weight is at most 1.
 
     least [N]: least normal force that differs from a bias; 0 disables the weight. pace [m]: a step much
     shorter than this has no direction.

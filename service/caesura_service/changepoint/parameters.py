@@ -10,14 +10,15 @@ class FilterParameters:
     """The bounds on the work of a filter, and its threshold for a certain changepoint.
 
     Hypotheses below `prune_ratio` relative to the best are dropped (thesis (2.34), with the inequality
-    corrected), but never the `keep_youngest`, which have too few samples to be judged (a movement that has
-    just begun fits no profile yet; two seconds are one movement). At most `cap` live. `window`: number of
-    past samples over which changepoints are smoothed.
+    corrected). The `keep_youngest` never are, because they have too few samples to be judged: a movement that
+    has just begun fits no profile yet, and two seconds are one movement. At most `cap` live. `window`: number
+    of past samples over which changepoints are smoothed.
 
     A changepoint of the best segmentation is certain when its smoothed probability, that of its neighbours
     included, passes `certain` with `certain_after` samples seen since it; 1 leaves all to coalescence. The
-    posterior is overconfident while the following movement fits no profile yet: of changepoints above 0.99
-    (simulated teacher) 6 % vanish after 0.3 s and 33 % move by a sample; after 1.5 s these are 0.4 % and 8 %.
+    posterior is overconfident while the following movement fits no profile yet. Of changepoints that pass
+    0.99 with 0.3 s seen since (simulated teacher), 6 % vanish later and 33 % move by a sample. With 1.5 s
+    seen since, these are 0.4 % and 8 %.
     """
 
     prune_ratio: float = 1e-6

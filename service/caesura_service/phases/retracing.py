@@ -1,7 +1,7 @@
 """The part of a movement that retraces the path of its phase.
 
 A path is cut into pieces of `PIECE_M`. A piece is retraced if an earlier piece of the phase is nearby and has
-the same direction, and the path between the two is longer than APART times the distance that counts as
+the same direction. The path between the two must be longer than APART times the distance that counts as
 nearby. So a stroke does not retrace itself, and a way back does not retrace the way there.
 """
 

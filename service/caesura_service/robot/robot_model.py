@@ -265,8 +265,9 @@ class Robot:
     def joints_along(self, poses: ArrayLike, q_start: ArrayLike) -> Array:
         """Return joints (m, n) [rad] along poses (m, 7), each by the least motion.
 
-        poses: position [m] and quaternion; q_start: near the first pose. Joint limits are not checked. Raises ReachError if a pose is out of
-        reach, or the step to it is too long for `ALONG_STEPS` Newton steps q ← q + J⁺ error.
+        poses: position [m] and quaternion; q_start: near the first pose. Joint limits are not checked. Raises
+        ReachError if a pose is out of reach, or the step to it is too long for `ALONG_STEPS` Newton steps
+        q ← q + J⁺ error.
         """
         q = self._checked(q_start).copy()
         goals = np.asarray(poses, dtype=np.float64)

@@ -1,8 +1,8 @@
 """Incremental construction of the task program: apps before a quiet place are built only once.
 
 A quiet place is a settled segment whose apps do not depend on earlier segments, and at whose start the
-gripper does nothing. It is a motion that does not continue an earlier one, does not follow a contact by two
-segments, is not part of a carry, is too long for the end of another motion, and is not followed by a contact
+gripper does nothing. It is a motion that does not continue an earlier one, and does not follow a contact by
+two segments. It is not part of a carry, and is too long for the end of another motion. No contact follows it
 into which it may press something. The program is then that of the segments before it, followed by that of the
 segments from it on. If there is no quiet place in MOST_UNQUIET segments, the apps are divided at the last of
 them without contact. A gap that affects earlier segments is known by then: a gap ends where a segment begins,

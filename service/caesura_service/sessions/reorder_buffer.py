@@ -89,7 +89,10 @@ class ReorderBuffer(Generic[T]):
         return (self.next_seq, last) if self.next_seq <= last else None
 
     def next_available(self, oldest: int | None) -> int:
-        """Return the first batch that is held or can be replayed, if those before `oldest` are gone."""
+        """Return the first batch that is held or can be replayed, if those before `oldest` are gone.
+
+        Without one, the number after all known batches.
+        """
         ahead = [seq for seq in (oldest, min(self._held, default=None)) if seq is not None]
         return min((seq for seq in ahead if seq > self.next_seq), default=self.newest_seq + 1)
 

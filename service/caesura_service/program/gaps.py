@@ -37,7 +37,7 @@ def observed_share(t0: float, tn: float, gaps: Sequence[Gap]) -> float:
 
 
 class Gaps:
-    """The gaps of a demonstration in time order."""
+    """The gaps of a demonstration in time order. A further one costs a copy, however many there are."""
 
     def __init__(self) -> None:
         self.all: tuple[Gap, ...] = ()

@@ -246,7 +246,7 @@ class SegmentationPipeline:
         self._lost = True
 
     def finish(self) -> None:
-        """End the demonstration: decide everything that is still open."""
+        """End the demonstration: decide everything that is still open as it stands."""
         self._finished = True
         if self._lost and self._conditioner.samples:
             latest = self._conditioner.t_last

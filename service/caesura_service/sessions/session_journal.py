@@ -45,7 +45,8 @@ class SessionJournal:
         """Whether the journal has the records of a closed session, with these numbers of edits and
         annotations.
 
-        An incomplete copy of a peer's records has fewer: a record appended to it would replace a missing one.
+        An incomplete copy of a peer's records has fewer: a record appended to it would take the place
+        of a missing one.
         """
         if self._journal is None:
             return True

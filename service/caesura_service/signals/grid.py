@@ -150,7 +150,7 @@ class Resampler:
         return state, Resampled(tuple(blocks), gaps, repeats)
 
     def _check_clock(self, times: Array, latest: float | None) -> None:
-        """Raise ValueError for a clock that was set: its times cannot be ordered."""
+        """Raise ValueError for a clock that was set: times before and after that cannot be ordered."""
         known = times[:1] if latest is None else np.array([latest])
         highest = np.maximum.accumulate(np.concatenate([known, times]))[:-1]
         for steps, limit, verb in (

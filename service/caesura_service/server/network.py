@@ -1,6 +1,6 @@
 """Joins the network: as a router to which robots connect, or as a client of an existing router.
 
-Reasons of the settings (measured, see ARCHITECTURE.md): multicast and gossip are off, because a factory
+Reasons of the settings (the numbers are measured): multicast and gossip are off, because a factory
 network names its routers. Shared memory is off, because it raised the 99th percentile from 0.15 to 53 ms. The
 lease is 2 s, because a frozen peer is otherwise detected after 9.5 s. There is no scouting delay, because a
 router that searches for no peer would still wait half a second before it answers. The defragmentation limit

@@ -72,8 +72,9 @@ class BatchReceiver:
     def receive_together(self, block: BatchBlock, now: float) -> tuple[int, list[Output]]:
         """Process the first batches of a block together, up to one that completes an observation.
 
-        Batches of an early block are held. Return their number, and the outputs of `receive_batch` for each
-        in turn. 0: the first one must be received separately. A due program may be postponed to the host's
+        Batches of an early block are held, or only announced if there is no room for the first. Return the
+        number of batches received in this way, and the outputs of `receive_batch` for each in turn. 0: the
+        first one must be received separately. A due program may be postponed to the host's
         `make_due_program`. Raises JournalError if the first one cannot be recorded.
         """
         if block.layout.message.columns != self._columns or self._buffer.is_duplicate(block.first):

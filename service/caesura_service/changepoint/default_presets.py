@@ -1,8 +1,8 @@
 """The preset `default` with all seven kinds of segment, the preset `strokes`, and `default` without each
 principle.
 
-The principles (ARCHITECTURE.md, "Where `default` differs from the thesis' models"): a hand guides a movement,
-and no library of strokes does; a movement ends at a corner, and everything else inside it is a via point; a corner
+The principles (ARCHITECTURE.md, "Where `default` differs from the thesis' models"): a hand guides a
+movement, and no library of strokes does; a movement ends at a corner, and everything else inside it is a via point; a corner
 has no time of its own, and lies between two straight ways; noise comes from the sensor, grows with speed,
 and is large now and then; free space has a bias, and contact is a change; a load differs from free space by
 its weight alone; residuals are correlated; speed separates movement from rest; a surface never drives what

@@ -14,8 +14,8 @@ a force, with m and b as they were before it:
 with the tare as m0, and the sums over the whole session; each |F − m|² has the m of its time. w < 1, because
 errors are correlated over a second, so ten observations a second are not ten independent ones. b is bounded
 below by the model's error in motion, which a long rest does not show, and above by half the scale of contact.
-m is subtracted from the force, and b is the scale of free space. See ARCHITECTURE.md, "Where `default` differs
-from the thesis' models".
+m is subtracted from the force, and b is the scale of free space. See ARCHITECTURE.md, "Where `default`
+differs from the thesis' models".
 """
 
 from __future__ import annotations

@@ -1,13 +1,16 @@
 """The preset `default` with all seven kinds of segment, the preset `strokes`, and `default` without each
 principle.
 
-The principles (ARCHITECTURE.md, "Where `default` differs from the thesis' models"): a hand guides a
-movement, and no library of strokes does; a movement ends at a corner, and everything else inside it is a via point; a corner
-has no time of its own, and lies between two straight ways; noise comes from the sensor, grows with speed,
-and is large now and then; free space has a bias, and contact is a change; a load differs from free space by
-its weight alone; residuals are correlated; speed separates movement from rest; a surface never drives what
-slides along it; two rests, or two contacts, do not follow each other; nothing lasts less than 0.4 s; a
-movement that the rotation explains is a turn.
+The principles (ARCHITECTURE.md, "Where `default` differs from the thesis' models"):
+- A hand guides a movement, and no library of strokes does.
+- A movement ends at a corner, and everything else inside it is a via point. A corner has no time of its own,
+  and lies between two straight ways.
+- Noise comes from the sensor, grows with speed, and is large now and then. Residuals are correlated.
+- Free space has a bias, and contact is a change. A load differs from free space by its weight alone.
+- Speed separates movement from rest. A surface never drives what slides along it.
+- Two rests, or two contacts, do not follow each other. Nothing lasts less than 0.4 s.
+- A movement that the rotation explains is a turn.
+
 `WITHOUT` leaves each of them out and keeps the others.
 """
 

@@ -120,6 +120,29 @@ def test_long_names_leave_the_page_its_width_and_the_apps_their_place(
     eventually(lambda: table.evaluate("(one) => one.scrollWidth <= one.clientWidth"))
 
 
+def test_a_login_that_ended_before_the_page_was_connected_is_stated(
+    stage: Stage, browser: Browser, tmp_path: Path
+):
+    file = tmp_path / "password"
+    file.write_text("correct horse\n")
+    visitor = Visitor(browser, viewport=DESK)
+    page = visitor.page
+    try:
+        with running(Dashboard(stage.service.endpoint, "--password-file", str(file))) as dashboard:
+            page.goto(f"{dashboard.url}/system")
+            page.get_by_label("Password").fill("correct horse")
+            page.route("**/_nicegui_ws/**", lambda route: route.abort())
+            page.route_web_socket("**/_nicegui_ws/**", lambda socket: socket.close())
+            page.keyboard.press("Enter")
+            expect(page.get_by_role("heading", name="System")).to_be_visible()
+            dashboard.kill()
+            dashboard.start()
+            expect(page.locator("#popup")).to_contain_text("The login of this browser has ended.")
+            expect(page.locator("#popup")).to_be_visible()
+    finally:
+        visitor.close()
+
+
 def test_a_login_that_ended_is_stated_and_leads_back_to_the_page(
     stage: Stage, opened: Visitor, tmp_path: Path
 ):
@@ -132,6 +155,7 @@ def test_a_login_that_ended_is_stated_and_leads_back_to_the_page(
         page.get_by_label("Password").fill("correct horse")
         page.keyboard.press("Enter")
         expect(page.get_by_role("heading", name="System")).to_be_visible()
+        page.wait_for_function("() => window.socket?.connected")
         dashboard.kill()
         dashboard.start()  # it knows no login from before
         expect(page.locator("#popup")).to_contain_text("The login of this browser has ended.")

@@ -14,7 +14,10 @@ const say = (line) => {
 addEventListener("load", () => {
   const popup = document.getElementById("popup"), line = popup.lastElementChild, words = line.textContent;
   setInterval(async () => {
-    if (popup.ariaHidden === "true") line.textContent = words;
-    else if (line.childElementCount === 0 && await hasEnded()) say(line);
+    if (window.socket?.connected) line.textContent = words;
+    else if (line.childElementCount === 0 && await hasEnded()) {
+      say(line);
+      popup.ariaHidden = false; // also where the page has never been connected
+    }
   }, AGAIN_MS);
 });

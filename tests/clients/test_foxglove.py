@@ -20,7 +20,7 @@ from caesura_clients.viewer.foxglove_server import BACKLOG, FoxgloveServer
 from caesura_clients.viewer.live_messages import PATH_POINTS, LiveStation
 from caesura_protocol.codec import Encoded, encode, pack_samples
 from caesura_protocol.errors import CaesuraError
-from caesura_protocol.formats.channels import CHANNELS, schema_of
+from caesura_protocol.formats.mcap_messages import CHANNELS, schema_of
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Segment
 from caesura_protocol.transport.memory import MemoryNetwork, MemoryTransport

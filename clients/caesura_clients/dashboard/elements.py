@@ -16,7 +16,7 @@ from typing import Any
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
-from caesura_clients.dashboard.drawing import beginning, correction_rows, delta
+from caesura_clients.dashboard.drawing_updates import beginning, correction_rows, delta
 from caesura_clients.dashboard.program_timeline import changes
 from caesura_clients.dashboard.station_summary import session_clock
 from caesura_clients.results import Update
@@ -203,7 +203,7 @@ class ProgramTimeline(LiveElement, component="web/program.js"):
         self._known = {}
 
     def compared(self, found: dict[str, Any]) -> None:
-        """Show how two versions differ (`program_versions.compared_versions`)."""
+        """Show how two versions differ (`program_differences.compared_versions`)."""
         self.run_method("compared", found)
 
     def simulated(self, found: dict[str, Any]) -> None:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from caesura_clients.dashboard.drawing import common
+from caesura_clients.dashboard.drawing_updates import common
 from caesura_clients.dashboard.program_edits import app_editing, checked, editing_of
 from caesura_clients.dashboard.program_path import program_path, target_before
 from caesura_protocol.app_kinds import APP_KINDS

@@ -21,7 +21,7 @@ from starlette.exceptions import HTTPException as StarletteHTTPException
 from caesura_clients.dashboard.access import LOOPBACK, AccessMiddleware
 from caesura_clients.dashboard.bounded_log import bound_logs
 from caesura_clients.dashboard.compression import FileCompression
-from caesura_clients.dashboard.datasets import MOST_SESSIONS, zipped_dataset
+from caesura_clients.dashboard.dataset_download import MOST_SESSIONS, zipped_dataset
 from caesura_clients.dashboard.elements import PACKAGE, WEB
 from caesura_clients.dashboard.pages import lists, missing, overview, recordings
 from caesura_clients.dashboard.pages.compare import ComparePage

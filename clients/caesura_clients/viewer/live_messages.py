@@ -20,7 +20,7 @@ from caesura_clients.results import Update
 from caesura_clients.viewer.missing_samples import MissingSpan
 from caesura_protocol.codec import signals_of, unpack_samples
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.formats.channels import TaskProgram
+from caesura_protocol.formats.mcap_messages import TaskProgram
 from caesura_protocol.formats.mcap_write import (
     NO_POSES,
     PATH_S,

@@ -21,7 +21,7 @@ from caesura_lab.commands.segment import segmented
 from caesura_lab.recording_warnings import without_confirmed
 from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import CaesuraError
-from caesura_protocol.formats.channels import TaskProgram
+from caesura_protocol.formats.mcap_messages import TaskProgram
 from caesura_protocol.formats.read import load_recording, recordings_of
 from caesura_protocol.formats.write import WRITERS, check_writable
 from caesura_protocol.number_words import counted

@@ -26,10 +26,10 @@ from caesura_lab.annotations import (
     truth_of,
 )
 from caesura_lab.evaluation.cut_recordings import WINDOWS, in_window
+from caesura_lab.evaluation.rescaled_recordings import TEMPI, in_tempo
 from caesura_lab.evaluation.sensor_conditions import CONDITIONS
 from caesura_lab.evaluation.session_declarations import with_declarations
 from caesura_lab.evaluation.shifted_starts import STARTS, begun
-from caesura_lab.evaluation.tempo import TEMPI, in_tempo
 from caesura_lab.teacher.motion_profiles import PROFILES, Profile
 from caesura_lab.teacher.scenarios import BASIC, SKILLS
 from caesura_protocol.formats.column_mapping import load_mapping

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 from caesura_protocol.codec import unpack_samples
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.formats.channels import TaskProgram
+from caesura_protocol.formats.mcap_messages import TaskProgram
 from caesura_protocol.messages import Close, Describe, Description, Open, Program, SampleBatch
 from caesura_protocol.recording import Recording, RecordingError
 from caesura_service.config import DEFAULT_PRESET

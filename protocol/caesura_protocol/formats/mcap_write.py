@@ -21,7 +21,7 @@ from mcap.writer import Writer
 from numpy.typing import NDArray
 
 from caesura_protocol.distribution import installed_version
-from caesura_protocol.formats.channels import (
+from caesura_protocol.formats.mcap_messages import (
     BASE,
     CHANNELS,
     FLANGE,

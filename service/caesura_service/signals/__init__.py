@@ -5,7 +5,7 @@ from caesura_service.signals.gripper import GripperEvent, GripperParameters
 from caesura_service.signals.observation import Observation
 from caesura_service.signals.sample_layout import SampleLayout
 from caesura_service.signals.tare import Tare, baseline
-from caesura_service.signals.wrench import WRENCH_SOURCES, WrenchCapabilities, wrench_capabilities
+from caesura_service.signals.wrench_sources import WRENCH_SOURCES, WrenchCapabilities, wrench_capabilities
 
 __all__ = [
     "WRENCH_SOURCES",

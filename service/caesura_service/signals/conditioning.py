@@ -37,7 +37,7 @@ from caesura_service.signals.observation import (
 from caesura_service.signals.sample_layout import SampleLayout
 from caesura_service.signals.tare import UNTARED_BIAS_N, RestCriterion, Tare, TareEstimator, TareState
 from caesura_service.signals.tared_torque import in_flange
-from caesura_service.signals.wrench import WrenchCapabilities
+from caesura_service.signals.wrench_sources import WrenchCapabilities
 
 Array = NDArray[np.float64]
 

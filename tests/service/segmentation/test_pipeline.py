@@ -31,7 +31,7 @@ from caesura_service.segmentation.pipeline import (
 from caesura_service.segmentation.segmenter import Segmenter
 from caesura_service.segmentation.view import PipelineView
 from caesura_service.signals.sample_layout import SIGNALS
-from caesura_service.signals.wrench import FORCE_FRAMES, HANDS_ON_ROBOT, WRENCH_SOURCES
+from caesura_service.signals.wrench_sources import FORCE_FRAMES, HANDS_ON_ROBOT, WRENCH_SOURCES
 from harness.segmentations import segmented
 from service.streams import pieces
 

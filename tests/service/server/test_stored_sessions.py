@@ -15,7 +15,7 @@ import pytest
 from caesura_clients import Caesura, query
 from caesura_clients.cli.options import only_station
 from caesura_clients.dashboard.network_follower import NetworkFollower
-from caesura_clients.dashboard.sessions import sessions
+from caesura_clients.dashboard.session_history import sessions
 from caesura_clients.editing import send
 from caesura_protocol.errors import NotFound, ProtocolError
 from caesura_protocol.keys import SampleRange, StoredPage, session_key

@@ -11,7 +11,7 @@ from nicegui.events import GenericEventArguments
 
 from caesura_clients.dashboard.elements import SessionList, Tables, lags
 from caesura_clients.dashboard.pages.layout import SLOW_TICK_S, Site, page
-from caesura_clients.dashboard.sessions import sessions
+from caesura_clients.dashboard.session_history import sessions
 from caesura_clients.dashboard.station_summary import DashboardState
 from caesura_clients.dashboard.system import system
 from caesura_protocol.errors import CaesuraError, ProtocolError

@@ -11,7 +11,7 @@ from nicegui.events import GenericEventArguments
 
 from caesura_clients.dashboard.conflicts import EditConflict
 from caesura_clients.dashboard.demonstration_control import controls, description_of
-from caesura_clients.dashboard.drawing import run_lengths
+from caesura_clients.dashboard.drawing_updates import run_lengths
 from caesura_clients.dashboard.editing import EditRefused, correct, preview
 from caesura_clients.dashboard.elements import (
     DescriptionForm,
@@ -22,10 +22,10 @@ from caesura_clients.dashboard.elements import (
 )
 from caesura_clients.dashboard.hints import banner_of
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
+from caesura_clients.dashboard.program_differences import compared_versions
 from caesura_clients.dashboard.program_edits import ProgramDesk
 from caesura_clients.dashboard.program_timeline import Timeline
-from caesura_clients.dashboard.program_versions import compared_versions
-from caesura_clients.dashboard.sessions import PartChoice
+from caesura_clients.dashboard.session_history import PartChoice
 from caesura_clients.dashboard.simulation import SPEEDS, Simulation, SimulatorBusyError
 from caesura_clients.dashboard.station_summary import (
     StationSummary,

@@ -17,7 +17,7 @@ pytest.importorskip("pyarrow", reason="pyarrow is not installed (extra lerobot)"
 
 import pyarrow.parquet as pq
 
-from caesura_clients.dashboard.datasets import zipped_dataset
+from caesura_clients.dashboard.dataset_download import zipped_dataset
 from caesura_clients.dashboard.network_follower import NetworkFollower
 from caesura_clients.full_samples import read_recording
 from caesura_protocol.errors import NotFound

@@ -7,7 +7,14 @@ from dataclasses import replace
 import pytest
 
 from caesura_clients.correction_words import transport_doubt
-from caesura_clients.dashboard.drawing import SentState, beginning, delta, phase_row, run_lengths, segment_row
+from caesura_clients.dashboard.drawing_updates import (
+    SentState,
+    beginning,
+    delta,
+    phase_row,
+    run_lengths,
+    segment_row,
+)
 from caesura_protocol.messages import Phase, Posterior
 from clients.examples import changepoint, example, segment
 

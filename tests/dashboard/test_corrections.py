@@ -233,6 +233,6 @@ def test_who_comes_second_is_refused_and_sees_what_is_there(operator: Operator, 
     # The revision comes to the page with what can be undone, after the program's title.
     expect(operator.page.get_by_role("button", name="Undo", exact=True)).to_be_enabled()
     operator.page.mouse.click(*operator.place(T), button="right")
-    operator.page.locator(".correct-menu .insert").press("Enter")  # a click would be the second of a double click
+    operator.page.locator(".correct-menu .insert").press("Enter")  # not the second of a double click
     operator.is_shown("inserted at 1.")
     operator.wire.until(lambda: len(operator.wire.corrected()) == 2)

@@ -351,8 +351,8 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "another instance's journal that cannot be read just now counts as absent",
         f"{JOURNAL}/peer_journals.py",
-        "        if now - self._unreadable.setdefault(path, now) < UNREADABLE_S:\n",
-        "        if now - self._unreadable.setdefault(path, now) < 0.0:\n",
+        "        if now - since < UNREADABLE_S:\n",
+        "        if now - since < 0.0:\n",
         (
             "tests/service/ownership/test_unreadable_peers.py::test_a_correction_that_cannot_be_read_is_not_replaced_by_the_next_one",
         ),

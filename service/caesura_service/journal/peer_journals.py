@@ -83,7 +83,7 @@ class PeerJournals:
     def __init__(self, own: Path | None, clock: Callable[[], float] = time.monotonic) -> None:
         self._own = own
         self._clock = clock
-        self._unreadable: dict[Path, float] = {}  # that may be readable again, and since when [s]
+        self._unreadable: dict[Path, tuple[float, float]] = {}  # since when, and at the last look [s]
         self._warned: set[str] = set()
 
     @property
@@ -192,7 +192,11 @@ class PeerJournals:
             self._unreadable.pop(path, None)
             return
         now = self._clock()
-        if now - self._unreadable.setdefault(path, now) < UNREADABLE_S:
+        since, last = self._unreadable.get(path, (now, now))
+        if now - last > UNREADABLE_S:  # nobody has looked meanwhile
+            since = now
+        self._unreadable[path] = since, now
+        if now - since < UNREADABLE_S:
             raise PeerJournalError(str(error)) from error
 
     def _warn_once(self, error: Exception) -> None:

@@ -79,10 +79,12 @@ class StationOwnership:
         instance reads the journals after it has stored its epoch, so one of the two instances detects the
         other. An instance that was frozen has not noticed the loss of its stations, and its records would
         count as much as those of the owner. A journal that cannot be read is ignored. Raises JournalError if
-        the own epoch, which the other instance must find, cannot be stored.
+        the own epoch, which the other instance must find, cannot be stored; JournalSupersededError if it is
+        stored only now, as the last owner may have acknowledged more since the journals were read.
         """
+        is_late = station in self._unstored
         self._store_epochs(station)
-        if self._superseded_among({station}):
+        if is_late or self._superseded_among({station}):
             self.superseded.add(station)
             raise JournalSupersededError("another instance has served the station meanwhile: try again")
 
@@ -107,9 +109,12 @@ class StationOwnership:
     def catch_up(self, station: str) -> None:
         """Record that this instance has all records of the station by other instances.
 
-        From now on its own records count where those of an earlier owner differ.
+        From now on its own records count where those of an earlier owner differ. Not so without an epoch in
+        the journal: the last owner goes on until it finds one, and `check_current` requests another takeover.
         """
         self._behind.pop(station, None)
+        if station in self._unstored:
+            return
         self._unmarked.add(station)
         with suppress(JournalError):  # it is stored before anything is recorded
             self._store_epochs(station)

@@ -133,8 +133,12 @@ def test_what_is_copied_late_ends_like_an_undisturbed_session(tmp_path):
         assert reported(b.standing) == EXPECTED
 
 
-def test_an_owner_whose_epoch_could_not_be_stored_records_no_correction_without_it(tmp_path):
-    """The last owner, which was frozen, did not learn that it had been replaced: both acknowledged one."""
+@pytest.mark.parametrize("revision", [0, 1], ids=["frozen", "goes on"])
+def test_an_owner_whose_epoch_could_not_be_stored_records_no_correction_without_it(tmp_path, revision):
+    """The last owner did not learn that it had been replaced: both acknowledged a correction.
+
+    The one of an owner that went on was set aside as refused.
+    """
     with ExitStack() as stack, pytest.MonkeyPatch.context() as disk:
         a, b = Instance(tmp_path, "a", stack), Instance(tmp_path, "b", stack)
         a.open()
@@ -150,8 +154,14 @@ def test_an_owner_whose_epoch_could_not_be_stored_records_no_correction_without_
         disk.setattr(b.journal, "store_epoch", full)
         b.take()
         assert refused(corrected(b, 0, Insert(t=0.5))).code == "overloaded"
+        for before in range(revision):
+            assert isinstance(corrected(a, before, Insert(t=1.155)), Ack)
         disk.undo()
-        assert isinstance(corrected(b, 0, Insert(t=0.5)), Ack)
-        assert refused(corrected(a, 0, Insert(t=0.155))).code == "overloaded"
+        assert refused(corrected(b, 0, Insert(t=0.5))).code == "overloaded"
+        b.take()
+        assert b.standing.revision == revision
+        assert isinstance(corrected(b, revision, Insert(t=0.5)), Ack)
+        assert refused(corrected(a, revision, Insert(t=0.155))).code == "overloaded"
         a.take()
+        assert a.standing.revision == revision + 1
         assert compared(a.standing) == compared(b.standing)

@@ -158,6 +158,20 @@ def test_one_that_stays_unreadable_does_not_keep_a_station_from_being_served(pai
         assert b.next_seq == 5
 
 
+def test_a_journal_counts_as_absent_only_while_one_looks_again_and_again(pair, monkeypatch):
+    """Of two looks an hour apart that failed, the second one took over without its corrections."""
+    a, b = pair
+    now = [0.0]
+    monkeypatch.setattr(b.registry._journals._peers, "_clock", lambda: now[0])
+    with refused_by_system(a.path):
+        b.registry.known_stations()
+        now[0] = 3600.0
+        with pytest.raises(PeerJournalError):
+            b.take()
+    b.take()
+    assert compared(b.standing) == compared(a.standing)
+
+
 def test_a_session_of_an_unreadable_journal_is_corrected_as_soon_as_it_can_be_read(tmp_path):
     """The answer to the operator was that it cannot be corrected."""
     with ExitStack() as stack:

@@ -16,12 +16,15 @@ from caesura_service.journal.schema import (
 )
 
 
-def retract(database: sqlite3.Connection, key: Key, refused: Refused, why: str) -> str:
+def retract(database: sqlite3.Connection, key: Key, refused: Refused, why: str) -> str | None:
     """Move what was refused in a transaction of the caller; return the name of the session that has it now.
 
-    The stored results of the session, which may have it too, are deleted.
+    None where another process has deleted the session. Its stored results, which may have it too, are deleted.
     """
-    session = SessionRow(*database.execute(SELECT_EXTENT, key).fetchone()[:-1])
+    found = database.execute(SELECT_EXTENT, key).fetchone()
+    if found is None:
+        return None
+    session = SessionRow(*found[:-1])
     moved = database.execute(SELECT_REFUSED, {"id": session.id, **refused._asdict()}).fetchall()
     first = min((place for place, _ in moved), default=0)
     aside = database.execute(INSERT_ASIDE, (first, why, session.id)).lastrowid

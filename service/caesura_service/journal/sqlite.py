@@ -286,7 +286,8 @@ class SqliteJournal(SqliteWriter):
                 aside = retract(self._database, key, refused, why)
             with self._guard:
                 self._outcomes.pop(key, None)
-        logger.warning("journal %s: %s; it is set aside as %s/%s", self.path, why, station, aside)
+        if aside is not None:
+            logger.warning("journal %s: %s; it is set aside as %s/%s", self.path, why, station, aside)
 
     def delete(self, station: str, session: str) -> None:
         """Delete a session; most of its records are deleted later, in portions.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from typing import NamedTuple
 
 from caesura_protocol.errors import ProtocolError
@@ -70,6 +70,11 @@ class JournalSet:
     def stations(self) -> frozenset[str]:
         """Return the stations with a session."""
         return self._peers.stations().union(station for station, _ in self._own.sessions())
+
+    def names(self, station: str) -> Set[str]:
+        """Return the names of a station's sessions, without a comparison of their copies."""
+        copies = [*self._own.copies(station), *(found.copy for found in self._peers.copies(station))]
+        return {copy.session for copy in copies}
 
     def copies_of_station(self, station: str, session: str | None = None) -> Mapping[str, SessionCopies]:
         """Return the copies of a station's sessions, or of one, in the order of their opening."""

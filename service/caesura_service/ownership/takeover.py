@@ -130,10 +130,7 @@ class Takeover:
 
         Empty while a journal cannot be read, because its sessions may still exist.
         """
-        known = {
-            station: self._journals.copies_of_station(station)
-            for station in {key[0] for key in self._peer_only}
-        }
+        known = {station: self._journals.names(station) for station in {key[0] for key in self._peer_only}}
         if not self._journals.is_complete:
             return []
         gone = [key for key in self._peer_only if key[1] not in known[key[0]]]

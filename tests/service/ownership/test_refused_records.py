@@ -31,8 +31,9 @@ from caesura_protocol.messages import (
 )
 from caesura_service.journal import JournalError, PeerJournals, Record, Recordable
 from caesura_service.journal.schema import TAKEOVERS
+from caesura_service.publishing.events import SessionDeleted
 from caesura_service.publishing.session_state import program_of
-from harness.sessions import NAME, STATION, answer
+from harness.sessions import NAME, STATION, answer, opening
 from service.ownership.test_takeover import BATCHES, COUNT, EXPECTED, Instance, reported
 from service.sessions.edits import compared, edit, stepped
 
@@ -204,6 +205,38 @@ def test_what_was_refused_is_kept_aside_in_the_journal(pair, caplog):
     assert a.journal.sessions() == ((STATION, NAME),)
     a.kill()
     assert len([*a.journal.replay(STATION, NAME)]) == 1 + 9 + 1
+
+
+def test_a_session_that_another_process_deletes_meanwhile_has_nothing_to_set_aside(pair, monkeypatch):
+    """The takeover failed with a TypeError, and the station was not taken over again."""
+    a, b = pair
+    begun(a)
+    frozen(a, LATE, succeeding(b, KEPT))
+    retract = a.journal.retract
+
+    def deleted(*refused: Any) -> None:
+        a.journal.delete(STATION, NAME)
+        retract(*refused)
+
+    monkeypatch.setattr(a.journal, "retract", deleted)
+    a.take()
+    assert shown(a) == shown(b)
+
+
+def test_a_look_for_deleted_sessions_compares_no_changes(pair):
+    """It read every change of a station twice, every half a minute, in the thread of all results."""
+    a, b = pair
+    for command in (opening("s0"), Close(session="s0", last_seq=-1)):
+        assert isinstance(asked(a, command), Ack)
+    begun(a)
+    assert isinstance(asked(a, KEPT), Ack)
+    a.journal.flush()
+    b.take()
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(b.journal, "changes", None)
+        assert b.registry.tick(1e6) == []
+    a.journal.delete(STATION, "s0")
+    assert b.registry.tick(1e6 + 100.0) == [SessionDeleted(STATION, "s0", "deleted by another process")]
 
 
 def test_a_refused_close_ends_no_session_that_its_successor_goes_on_with(pair):

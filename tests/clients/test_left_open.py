@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import pytest
 
 from caesura_clients import describing, query
+from caesura_clients.bridge import standby
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import Ack
 from caesura_protocol.transport.memory import MemoryNetwork, MemoryTransport
@@ -93,3 +95,26 @@ def test_a_bridge_in_standby_closes_no_session_to_which_another_one_sends(refuse
     with pytest.raises(ProtocolError, match="other batches"):
         client.close_left_open(left.status)
     assert refused == [4]
+
+
+@pytest.mark.parametrize("first", [ProtocolError("conflict", "other batches"), None], ids=["refused", "silent"])
+def test_a_bridge_in_standby_closes_what_was_left_open_as_soon_as_it_is_let(monkeypatch, first):
+    """A service in a takeover asked it to try again, and the session stayed open for good."""
+    status = SimpleNamespace(session="s1", state="open", batches=5, lost=0, opened=0.0)
+    left, answers, asked = [SimpleNamespace(status=status)], [first], []
+
+    def ask(_client, close):
+        asked.append(close.last_seq)
+        answer = answers.pop(0) if answers else Ack(session="s1", next_seq=5, state="closed", revision=0)
+        if isinstance(answer, ProtocolError):
+            raise answer
+        return answer
+
+    monkeypatch.setattr(query, "services", lambda _transport: ["one"])
+    monkeypatch.setattr(query, "snapshots", lambda *_asked, **_how: left)
+    monkeypatch.setattr(describing.ControlClient, "ask", ask)
+    monkeypatch.setattr(standby, "TIDY_S", 0.0)
+    bridge = standby.Standby(MemoryTransport(MemoryNetwork()), STATION, lambda: nullcontext(None))
+    for _ in range(3):
+        bridge._tidy()
+    assert asked == [4, 4]

@@ -307,18 +307,20 @@ class Standby:
                 return
             found = query.snapshots(self._transport, self.station, complete=True)
             left = [one.status for one in found if one.status.state == "open"]
-            refused = [one for one in left if self._is_left_open(one) and not self._close_left_open(one)]
-            if not refused:
+            still_open = [one for one in left if self._is_left_open(one) and not self._close_left_open(one)]
+            if not still_open:
                 self._tidied = True
                 self._abandoned.clear()
 
     def _close_left_open(self, status: SessionStatus) -> bool:
-        """Close a session; return False where it is refused, as while another bridge still sends it."""
+        """Close a session; return whether it is closed.
+
+        A service refuses it while another bridge still sends it, and answers nothing during a takeover.
+        """
         try:
-            ControlClient(self._transport, self.station).close_left_open(status)
+            return ControlClient(self._transport, self.station).close_left_open(status) is not None
         except ProtocolError:
             return False
-        return True
 
     def _is_left_open(self, status: SessionStatus) -> bool:
         """Whether the session's bridge is gone: it failed in this process, or ended before this one began."""

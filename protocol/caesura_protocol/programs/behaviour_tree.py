@@ -125,7 +125,7 @@ def action_name(kind: AppKind) -> str:
 
 def _comment(text: str) -> Xml.Element[Any]:
     """Return a comment; XML has no `--` within one, and some characters nowhere."""
-    return Xml.Comment(NO_XML.sub("\N{REPLACEMENT CHARACTER}", f" {text.replace('--', '- -')} "))
+    return Xml.Comment(NO_XML.sub("\N{REPLACEMENT CHARACTER}", f" {re.sub('-(?=-)', '- ', text)} "))
 
 
 def _model(models: Xml.Element, kind: AppKind) -> None:

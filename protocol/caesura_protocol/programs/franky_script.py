@@ -20,6 +20,7 @@ from caesura_protocol.programs.export_limits import (
     refuse_beyond_limits,
     without_friction,
 )
+from caesura_protocol.programs.gripping import with_held_loads
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.script_templates import (
     filled_template,
@@ -44,6 +45,7 @@ def franky_script(program: ProgramFile) -> str:
     """
     robot_of_script(program, "franky", "a franky script is for a Franka arm")
     refuse_beyond_limits(program)
+    program = with_held_loads(program)
     texts = {
         MARK_NAME: title_of(program),
         MARK_FINDINGS: head_comments(program),

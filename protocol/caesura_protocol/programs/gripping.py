@@ -2,13 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Container, Sequence
 
+from caesura_protocol.app_kinds import APP_KINDS
+from caesura_protocol.messages import App
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.robots import GripperDescription, gripper, grippers, robot_description
 
 GRIP_REACH_M = 0.04  # an object is between the fingers within this distance from where it was grasped
+GRIPS = ("grasp", "gripper_move")
+SURE_SDS = 2.0  # deviations of a load from nothing, or from another one, above which it is significant
+
+
+def held_loads(apps: Sequence[App]) -> list[float | None]:
+    """Return the load [kg] that each app carries; None where nothing is carried, or its load is unknown.
+
+    Of what is held since a grip, a load that was not measured, or whose difference is not significant, is
+    that of the app before.
+    """
+    loads: list[float | None] = []
+    held: float | None = None
+    for app in apps:
+        if app.kind in GRIPS:
+            held = None
+        carries, kg = APP_KINDS[app.kind].carries, app.load_kg
+        if carries and kg is not None:
+            held = kg if held is None or abs(kg - held) > SURE_SDS * (app.load_sd_kg or 0.0) else held
+        loads.append(held if carries else None)
+    return loads
+
+
+def with_held_loads(program: ProgramFile) -> ProgramFile:
+    """Return the program with `held_loads`: a controller is given the load of what is held once.
+
+    Some zero their sensor with it, which may touch something at the next carry.
+    """
+    apps = tuple(
+        app if load is None else app.model_copy(update={"load_kg": load})
+        for app, load in zip(program.apps, held_loads(program.apps), strict=True)
+    )
+    return program.model_copy(update={"apps": apps})
 
 
 def gripper_of(program: ProgramFile) -> GripperDescription | None:

@@ -11,6 +11,7 @@ from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.app_times import rest_newtons, rests_of
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.export_limits import press_direction, without_friction
+from caesura_protocol.programs.gripping import GRIPS
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.straight_legs import Leg, Quaternion, straight_legs
 
@@ -18,7 +19,6 @@ STANDOFF_M = 0.02  # before a contact, from where it is looked for slowly
 ROUNDING_M = 1e-6
 LEAST_PAUSE_S = 0.05
 STILL_RAD = 0.002  # a leg without a way that turns less stays where it is
-GRIPS = ("grasp", "gripper_move")
 
 
 class PlannedApp(NamedTuple):

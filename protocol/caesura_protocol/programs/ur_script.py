@@ -23,8 +23,8 @@ from caesura_protocol.programs.export_limits import (
     refuse_beyond_limits,
     within_robot,
 )
-from caesura_protocol.programs.gripping import gripper_of, not_driven
-from caesura_protocol.programs.planned_apps import GRIPS, LEAST_PAUSE_S, PlannedApp, planned_apps
+from caesura_protocol.programs.gripping import GRIPS, gripper_of, not_driven, with_held_loads
+from caesura_protocol.programs.planned_apps import LEAST_PAUSE_S, PlannedApp, planned_apps
 from caesura_protocol.programs.script_templates import (
     filled_template,
     findings_as_comments,
@@ -58,6 +58,7 @@ def ur_script(program: ProgramFile) -> str:
     refuse_beyond_limits(program)
     if wrong := other_joints(program, title, JOINTS):
         raise ValueError(wrong)
+    program = with_held_loads(program)
     writer = _Writer(program)
     lines = [line for app in planned_apps(program, acceleration) for line in writer.lines(app)]
     texts = {

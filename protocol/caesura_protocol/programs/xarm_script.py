@@ -22,8 +22,8 @@ from caesura_protocol.programs.export_limits import (
     within_robot,
     without_friction,
 )
-from caesura_protocol.programs.gripping import gripper_of, not_driven
-from caesura_protocol.programs.planned_apps import GRIPS, PlannedApp, planned_apps
+from caesura_protocol.programs.gripping import GRIPS, gripper_of, not_driven, with_held_loads
+from caesura_protocol.programs.planned_apps import PlannedApp, planned_apps
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.script_templates import (
     filled_template,
@@ -56,6 +56,7 @@ def xarm_script(program: ProgramFile) -> str:
     title = "an arm of UFACTORY" if robot is None else robot.title
     acceleration = within_robot(ACCELERATION_M_PER_S2, robot)
     refuse_beyond_limits(program)
+    program = with_held_loads(program)
     rows = [_row(planned, program) for planned in planned_apps(program, acceleration)]
     texts = {
         "<NAME>": title_of(program),

@@ -106,12 +106,12 @@ def test_a_pause_that_was_taught_between_two_apps_is_kept_up_to_its_limit() -> N
 
 def test_the_robot_and_what_a_check_finds_are_comments() -> None:
     # A tree did not name the arm whose poses it has, nor what of the demonstration it leaves out.
-    note = "Not observed: 1.00–1.20 s -- samples were lost."
+    note = "Not observed: 1.00–1.20 s --- samples were lost."
     program = as_file(pick_and_place()).model_copy(update={"robot": "panda", "notes": (note,)})
     text = behaviour_tree(program)
     Xml.fromstring(text)
     assert "<!-- taught on the robot panda -->" in text
-    assert "<!-- warning: Not observed: 1.00–1.20 s - - samples were lost. -->" in text
+    assert "<!-- warning: Not observed: 1.00–1.20 s - - - samples were lost. -->" in text
     assert "no app opens the fingers before" in text.split("<Grasp")[0]
     assert "sets down" not in text, "that is how a script does it"
 

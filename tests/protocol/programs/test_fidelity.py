@@ -206,3 +206,5 @@ def test_a_load_that_was_not_measured_is_named_once_a_grasp():
     assert [one for one in found(*apps) if "load" in one[1]] == [(2, unknown)]
     weighed = [one.model_copy(update={"load_kg": 0.2}) if one.kind == "transport" else one for one in apps]
     assert [one for one in found(*weighed) if "load" in one[1]] == []
+    half = (*weighed[:3], apps[3], apps[4])  # the load of what is held is known from the first carry
+    assert [one for one in found(*half) if "load" in one[1]] == []

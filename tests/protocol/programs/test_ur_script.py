@@ -111,6 +111,21 @@ def test_pick_and_place_grips_carries_its_load_and_lets_it_go():
     assert centres == [pytest.approx(carrying), of_tool]
 
 
+@pytest.mark.parametrize(
+    ("second_kg", "stated_kg"),
+    [(0.24, [1.15, 0.9]), (None, [1.15, 0.9]), (0.6, [1.15, 1.5, 0.9])],
+    ids=["as heavy", "not measured", "heavier"],
+)
+def test_the_load_of_what_is_held_is_stated_once(second_kg, stated_kg):
+    """Each carry stated its own: the sensor was zeroed on what it pressed, and lost a load that was known."""
+    apps = pick_and_place()
+    last = max(i for i, one in enumerate(apps) if one.kind == "transport")
+    apps = (*apps[:last], apps[last].model_copy(update={"load_kg": second_kg}), *apps[last + 1 :])
+    controller = played(on_ur(apps), table_m=0.11)
+    assert [one["m"] for one in controller.named("set_payload")] == pytest.approx(stated_kg)
+    assert "carry(0.000)" not in ur_script(on_ur(apps))
+
+
 def test_a_heavy_part_that_was_gripped_where_it_lies_is_no_force_beyond_the_limit():
     # The controller zeroes its sensor with the payload, and the part still lies then: it was felt as 39 N.
     heavy = tuple(

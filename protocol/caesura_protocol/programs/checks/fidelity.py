@@ -22,14 +22,13 @@ from caesura_protocol.number_words import fixed, interval, reads_above
 from caesura_protocol.programs.app_times import part_of, rests_of
 from caesura_protocol.programs.checks.findings import Finding, in_mm
 from caesura_protocol.programs.document import ProgramStep
-from caesura_protocol.programs.gripping import GRIP_REACH_M
+from caesura_protocol.programs.gripping import GRIP_REACH_M, SURE_SDS, held_loads
 from caesura_protocol.programs.program_timing import ProgramTiming
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
 from caesura_protocol.rotations import angle_between
 
 UNEVEN_SHARE = 0.15  # of a force, by which one beside it is another force
-SURE_SDS = 2.0  # deviations of a load from nothing, above which it is significant
 TAUGHT_APART = "a part was taught again"
 EDITED_APART = "the way between them was not taught"
 SWAYED_M = 0.005  # a press that is held sways by less: 98 of 100 simulated ones
@@ -248,10 +247,10 @@ def _force_limits(app: App) -> Iterator[Reason]:
 def _unknown_loads(apps: Sequence[App]) -> Iterator[Finding]:
     """Find loads that were not measured, each at the first app that carries it: robots get a load of 0."""
     named = False
-    for index, app in enumerate(apps):
+    for index, (app, load_kg) in enumerate(zip(apps, held_loads(apps), strict=True)):
         if app.kind == "grasp":
             named = False
-        elif APP_KINDS[app.kind].carries and app.load_kg is None and not named:
+        elif APP_KINDS[app.kind].carries and load_kg is None and not named:
             named = True
             reason = "carries a load that was not measured, 0 kg are assumed: enter load_kg in the JSON file"
             yield Finding("warning", index, app.kind, reason)

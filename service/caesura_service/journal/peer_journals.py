@@ -193,7 +193,7 @@ class PeerJournals:
             return
         now = self._clock()
         since, last = self._unreadable.get(path, (now, now))
-        if now - last > UNREADABLE_S:  # nobody has looked meanwhile
+        if now - last > UNREADABLE_S:  # there was no look in between
             since = now
         self._unreadable[path] = since, now
         if now - since < UNREADABLE_S:

@@ -97,7 +97,9 @@ def test_a_bridge_in_standby_closes_no_session_to_which_another_one_sends(refuse
     assert refused == [4]
 
 
-@pytest.mark.parametrize("first", [ProtocolError("conflict", "other batches"), None], ids=["refused", "silent"])
+@pytest.mark.parametrize(
+    "first", [ProtocolError("conflict", "other batches"), None], ids=["refused", "silent"]
+)
 def test_a_bridge_in_standby_closes_what_was_left_open_as_soon_as_it_is_let(monkeypatch, first):
     """A service in a takeover asked it to try again, and the session stayed open for good."""
     status = SimpleNamespace(session="s1", state="open", batches=5, lost=0, opened=0.0)

@@ -349,6 +349,15 @@ MUTATIONS: tuple[Mutation, ...] = (
         ),
     ),
     Mutation(
+        "an epoch that is stored late begins no other takeover",
+        "service/caesura_service/ownership/station_ownership.py",
+        "        is_late = station in self._unstored\n",
+        "        is_late = False\n",
+        (
+            "tests/service/ownership/test_takeover_on_a_full_disk.py::test_an_owner_whose_epoch_could_not_be_stored_records_no_correction_without_it",
+        ),
+    ),
+    Mutation(
         "another instance's journal that cannot be read just now counts as absent",
         f"{JOURNAL}/peer_journals.py",
         "        if now - since < UNREADABLE_S:\n",

@@ -19,7 +19,7 @@ from caesura_service.journal.schema import (
 def retract(database: sqlite3.Connection, key: Key, refused: Refused, why: str) -> str | None:
     """Move what was refused in a transaction of the caller; return the name of the session that has it now.
 
-    None where another process has deleted the session. Its stored results, which may have it too, are deleted.
+    None where another process has deleted the session. Its stored results are deleted: they may have it too.
     """
     found = database.execute(SELECT_EXTENT, key).fetchone()
     if found is None:

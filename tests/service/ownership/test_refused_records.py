@@ -9,7 +9,7 @@ from __future__ import annotations
 import sqlite3
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +77,10 @@ def succeeding(instance: Instance, *commands: Command) -> Callable[[], None]:
             assert isinstance(asked(instance, command), Ack)
 
     return succeed
+
+
+def full(*_: object) -> None:
+    raise JournalError("the disk is full")
 
 
 def named(revision: int, name: str) -> EditProgram:
@@ -279,9 +283,6 @@ def test_a_takeover_that_is_not_on_disk_yet_is_there_before_the_next_change(pair
     a, b = pair
     begun(a)
 
-    def full(*_: object) -> None:
-        raise JournalError("the disk is full")
-
     def acknowledge() -> None:
         with pytest.MonkeyPatch.context() as disk:
             disk.setattr(b.journal, "store_takeover", full)
@@ -312,7 +313,8 @@ def test_a_journal_of_an_older_caesura_counts_by_its_last_epoch(pair):
 
 
 # What may happen: a batch; a change; a change or a close in whose record the owner is frozen, while another
-# instance takes over and acknowledges a second change; a close; the station changes hands or owners die.
+# instance takes over and acknowledges a second change; a close; the station changes hands or owners die; an
+# instance takes over without its epoch on disk, and the owner goes on.
 kinds = st.sampled_from(["edit", "name", "describe"])
 numbers = st.integers(0, 1)  # of an instance
 events = st.lists(
@@ -322,6 +324,7 @@ events = st.lists(
         st.sampled_from(["look", "close"]),
         st.tuples(st.sampled_from(["hand", "kill"]), numbers),
         st.tuples(st.one_of(kinds, st.just("close")), kinds, st.sampled_from(["", "kill", "hand"]), numbers),
+        st.tuples(st.sampled_from(["store_epoch", "store_takeover"]), kinds, kinds, numbers, st.just("full")),
     ),
     max_size=15,
 )
@@ -383,6 +386,19 @@ class Station:
         assert isinstance(answered, ProtocolError) or late == "close"
         return successor
 
+    def replace_late(self, unstored: str, last: str, first: str, number: int) -> None:
+        """Take over from an owner that goes on, as the disk is full for what states the takeover."""
+        successor = self.others[number]
+        self.owner.journal.commit()
+        with pytest.MonkeyPatch.context() as disk, suppress(JournalError):
+            disk.setattr(successor.journal, unstored, full)
+            successor.take()
+        self.change(self.owner, last)
+        if not successor.registry.ownership.in_takeover(STATION) and successor.registry.index.sessions:
+            self.change(successor, first)
+        self.pass_to(number)
+        self.owner.take()
+
     def pass_to(self, number: int) -> None:
         """Another instance is the owner from now on."""
         self.owner, self.others[number] = self.others[number], self.owner
@@ -399,6 +415,8 @@ class Station:
                 self.owner.registry.release(STATION) if how == "hand" else self.owner.kill()
                 self.pass_to(number)
                 self.owner.take()
+            case unstored, last, first, number, "full":
+                self.replace_late(unstored, last, first, number)
             case late, kept, how, number:
                 self.freeze(late, kept, number)
                 if how == "kill":

@@ -251,6 +251,51 @@ def test_an_interrupted_script_stops_the_arm(height_m: float):
     assert arm.velocity == [0.0] * 6
 
 
+SDK = """
+import sys
+
+class XArmAPI:
+    tcp_offset, tcp_load = [0.0] * 6, (0.0, [0.0] * 3)
+    ANSWERS = {"get_state": (0, 1), "get_cmdnum": (0, 1)}  # it moves
+
+    def __init__(self, host, is_radian):
+        pass
+
+    def register_report_callback(self, callback):
+        callback({})
+
+    def set_position_aa(self, *where, **how):
+        print("moves", file=sys.stderr, flush=True)
+        return 0
+
+    def set_state(self, state):
+        print("state", state, file=sys.stderr, flush=True)
+        return 0
+
+    def __getattr__(self, name):
+        is_read = name in ("get_position_aa", "get_ft_sensor_data")
+        return lambda *_, **__: (0, [0.0] * 6) if is_read else self.ANSWERS.get(name, 0)
+"""
+
+
+def test_a_script_that_is_terminated_stops_the_arm(tmp_path: Path):
+    """It ended at once, as where its service is stopped: the controller followed the legs that were sent."""
+    (tmp_path / "xarm").mkdir()
+    (tmp_path / "xarm" / "__init__.py").touch()
+    (tmp_path / "xarm" / "wrapper.py").write_text(SDK)
+    file = tmp_path / "made.py"
+    file.write_text(xarm_script(on_xarm((circle(),))))
+    command = [sys.executable, str(file), "--robot", "10.0.0.3"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as script:
+        assert script.stderr is not None
+        try:
+            assert any(line == "moves\n" for line in script.stderr)
+            script.terminate()
+            assert "state 4" in script.communicate(timeout=30.0)[1].splitlines()
+        finally:
+            script.kill()
+
+
 def test_an_arm_without_a_sensor_keeps_the_offset_of_its_tcp():
     # It was taken off first: the next program of the pendant would have moved the tool by its length too far.
     made, arm = module_of(on_xarm(press())), Arm()

@@ -279,8 +279,8 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "an owner that was replaced records corrections",
         "service/caesura_service/ownership/station_ownership.py",
-        "        if self._superseded_among({station}):\n",
-        "        if False and self._superseded_among({station}):\n",
+        "        if is_late or self._superseded_among({station}):\n",
+        "        if is_late:\n",
         (
             "tests/service/ownership/test_edits_of_two_instances.py::test_an_edit_that_reaches_an_owner_behind_its_successor_takes_no_acknowledged_one_away",
         ),

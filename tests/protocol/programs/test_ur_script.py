@@ -126,16 +126,38 @@ def test_the_load_of_what_is_held_is_stated_once(second_kg, stated_kg):
     assert "carry(0.000)" not in ur_script(on_ur(apps))
 
 
-def test_a_heavy_part_that_was_gripped_where_it_lies_is_no_force_beyond_the_limit():
-    # The controller zeroes its sensor with the payload, and the part still lies then: it was felt as 39 N.
-    heavy = tuple(
+def heavy() -> ProgramFile:
+    apps = tuple(
         one.model_copy(update={"load_kg": 4.0}) if one.load_kg is not None else one
         for one in pick_and_place()
     )
-    program = on_ur(heavy)
-    safety = program.safety.model_copy(update={"load_kg": 5.0})
-    controller = played(program.model_copy(update={"safety": safety}), table_m=0.11, part_kg=4.0)
-    np.testing.assert_allclose(controller.pose[:3], heavy[-1].target, atol=1e-6)
+    program = on_ur(apps)
+    return program.model_copy(update={"safety": program.safety.model_copy(update={"load_kg": 5.0})})
+
+
+def test_a_heavy_part_that_was_gripped_where_it_lies_is_no_force_beyond_the_limit():
+    # The controller zeroes its sensor with the payload, and the part still lies then: it was felt as 39 N.
+    controller = played(heavy(), table_m=0.11, part_kg=4.0)
+    np.testing.assert_allclose(controller.pose[:3], heavy().apps[-1].target, atol=1e-6)
+
+
+class Shelf(Controller):
+    """Something presses from below with 45 N on what is lifted beyond a height."""
+
+    def get_tcp_force(self) -> list[float]:
+        force = super().get_tcp_force()
+        force[2] += 45.0 if self.pose[2] > 0.15 else 0.0
+        return force
+
+
+def test_a_heavy_part_that_hangs_hides_no_force_from_below():
+    # 45 N from below, less the table's 8 N at the grip, were felt as 2 N, as if the part still lay.
+    controller = Shelf(table_m=0.11, part_kg=4.0)
+    with pytest.raises(Halted):
+        controller.play(ur_script(heavy()))
+    said = controller.named("textmsg")[-1]
+    assert said["s1"] == "app 3 (transport): stopped at the limit of force [N]: "
+    assert said["s2"] == pytest.approx(37.0)
 
 
 def test_what_is_not_grasped_stops_the_program():

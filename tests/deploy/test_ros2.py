@@ -10,12 +10,14 @@ import socket
 import sys
 import threading
 import xml.etree.ElementTree as ET
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from caesura_ros import running, teaching
 from caesura_ros.conversion import as_ros, fields_of
 from pydantic import BaseModel
@@ -106,6 +108,15 @@ def test_an_optional_text_and_number_are_empty_and_nan():
     assert values["certainty"] == "final"
 
 
+def test_an_optional_number_that_ros_2_has_as_an_array_is_one():
+    # The generated message refuses a number in its place.
+    program = wire(Program)
+    app = program.apps[0].model_copy(update={"added": 3})
+    values = as_ros(app, lambda name, values: values)
+    assert values["added"] == [3]
+    assert as_ros(app.model_copy(update={"added": None}), lambda name, values: values)["added"] == []
+
+
 def test_the_actions_have_what_the_node_uses(store):
     fields = {
         name: {field[0] for field in store.get_msgdef(f"{PACKAGE}/msg/{name}").fields} for name in ACTIONS
@@ -135,6 +146,192 @@ def test_the_packages_name_what_they_use():
     used = {one.module.partition(".")[0] for one in ast.walk(node) if isinstance(one, ast.ImportFrom)}
     stated = {one.text for one in ET.parse(ROS / "caesura_ros" / "package.xml").getroot().iter("exec_depend")}
     assert used & {"rclpy", PACKAGE} <= stated
+
+
+# --- The node and its launch file, with stand-ins for ROS 2 -----------------------------------------------
+
+
+class Parameter:
+    """launch_ros' description of a parameter: without a type its text is read as YAML."""
+
+    def __init__(self, value: str, value_type: type | None = None) -> None:
+        self.value = value if value_type is str else yaml.safe_load(value)
+
+
+def test_the_launch_file_states_its_arguments_as_texts(monkeypatch):
+    # The default station is `*`, which is an error as YAML; a station 7 would be a number.
+    started: dict[str, Any] = {}
+    defaults: dict[str, str] = {}
+
+    def argument(name: str, default_value: str) -> None:
+        defaults[name] = default_value
+
+    def node(parameters: list[dict[str, Any]], **stated: Any) -> None:
+        for one in parameters:
+            started.update(
+                {
+                    name: (value if isinstance(value, Parameter) else Parameter(value)).value
+                    for name, value in one.items()
+                }
+            )
+
+    modules = {
+        "launch": {"LaunchDescription": lambda entities: entities},
+        "launch.actions": {"DeclareLaunchArgument": argument},
+        "launch.substitutions": {"LaunchConfiguration": lambda name: defaults[name]},
+        "launch_ros": {},
+        "launch_ros.actions": {"Node": node},
+        "launch_ros.parameter_descriptions": {"ParameterValue": Parameter},
+    }
+    for name, content in modules.items():
+        monkeypatch.setitem(sys.modules, name, SimpleNamespace(**content))
+    runpy.run_path(str(ROS / "caesura_ros" / "launch" / "caesura.launch.py"))["generate_launch_description"]()
+    assert started == {"endpoint": "tcp/127.0.0.1:7447", "station": "*"}
+
+
+class Goal:
+    """A goal of rclpy: what it was asked, whether it is cancelled, its final state."""
+
+    def __init__(self, **asked: Any) -> None:
+        self.request, self.is_cancel_requested, self.state = SimpleNamespace(**asked), False, ""
+
+    def publish_feedback(self, feedback: Any) -> None:
+        pass
+
+    def succeed(self) -> None:
+        self.state = "succeeded"
+
+    def abort(self) -> None:
+        self.state = "aborted"
+
+    def canceled(self) -> None:
+        assert self.is_cancel_requested, "rcl has no way from executing to canceled"
+        self.state = "canceled"
+
+
+class Served:
+    """The servers of the node by their names, and what the service of the node answers."""
+
+    def __init__(self) -> None:
+        self.actions: dict[str, Any] = {}
+        self.logged: list[str] = []
+        self.is_ok = True
+
+    def server(self, node: Any, kind: Any, name: str, execute: Any, **callbacks: Any) -> None:
+        self.actions[name] = SimpleNamespace(execute=execute, **callbacks)
+
+
+@pytest.fixture
+def served(monkeypatch):
+    """The node of the package, imported with stand-ins for rclpy and the generated messages."""
+    found = Served()
+
+    class Node:
+        def __init__(self, name: str) -> None:
+            pass
+
+        def declare_parameter(self, name: str, value: str) -> Any:
+            return SimpleNamespace(value=value)
+
+        def create_publisher(self, kind: Any, name: str, qos: Any) -> Any:
+            return SimpleNamespace(publish=print)
+
+        def get_logger(self) -> Any:
+            return SimpleNamespace(warning=found.logged.append, fatal=found.logged.append)
+
+        def destroy_node(self) -> None:
+            pass
+
+    part = SimpleNamespace(Feedback=SimpleNamespace, Result=SimpleNamespace)
+    said = SimpleNamespace(ACCEPT="accept", REJECT="reject")
+    modules = {
+        "rclpy": {"ok": lambda: found.is_ok},
+        "rclpy.action": {"ActionServer": found.server, "CancelResponse": said, "GoalResponse": said},
+        "rclpy.callback_groups": {"ReentrantCallbackGroup": SimpleNamespace},
+        "rclpy.executors": {
+            "ExternalShutdownException": RuntimeError,
+            "MultiThreadedExecutor": SimpleNamespace,
+        },
+        "rclpy.node": {"Node": Node},
+        "rclpy.qos": {
+            "DurabilityPolicy": SimpleNamespace(TRANSIENT_LOCAL=1),
+            "QoSProfile": SimpleNamespace,
+        },
+        PACKAGE: {
+            "action": SimpleNamespace(Teach=part, Run=part),
+            "msg": SimpleNamespace(Changepoints=0, Segments=0, Program=0),
+        },
+    }
+    for name, content in modules.items():
+        monkeypatch.setitem(sys.modules, name, SimpleNamespace(**content))
+    monkeypatch.delitem(sys.modules, "caesura_ros.node", raising=False)
+    module: Any = import_module("caesura_ros.node")
+
+    service = SimpleNamespace(
+        results=lambda station: (), snapshot=lambda *asked: SimpleNamespace(program=None), close=lambda: None
+    )
+    monkeypatch.setattr(module, "connect", lambda endpoint: service)
+    monkeypatch.setattr(module, "document", lambda program: None)
+    found.module, found.service, found.node = module, service, module.CaesuraNode()
+    yield found
+    sys.modules.pop("caesura_ros.node", None)
+
+
+def asked_to_run(host: str = "10.0.0.9") -> Goal:
+    return Goal(station="cell-1", session="", format="urscript", host=host, gripper="", unchecked=True)
+
+
+def test_a_script_that_a_controller_has_is_not_said_to_be_cancelled(served, monkeypatch):
+    goal = asked_to_run()
+
+    def sends(*asked: Any, **stated: Any) -> running.Ran:
+        goal.is_cancel_requested = True  # too late
+        return running.Ran(True, "sent to the controller")
+
+    monkeypatch.setattr(served.module, "run", sends)
+    served.actions["~/run"].execute(goal)
+    assert goal.state == "succeeded"
+
+
+def test_the_end_of_the_node_cancels_the_script_that_it_runs(served, monkeypatch):
+    def runs(program: Any, script: str, host: str, report: Any, is_cancelled: Any, **_: Any) -> running.Ran:
+        served.is_ok = False
+        return running.Ran(not is_cancelled(), "")
+
+    monkeypatch.setattr(served.module, "run", runs)
+    goal = asked_to_run()
+    served.actions["~/run"].execute(goal)
+    assert goal.state == "aborted"
+
+
+def test_a_robot_and_a_station_have_one_goal_at_a_time(served, monkeypatch):
+    run = served.actions["~/run"]
+    one, other = asked_to_run(), asked_to_run("10.0.0.8")
+    assert run.goal_callback(one.request) == "accept"
+    assert run.goal_callback(one.request) == "reject"
+    assert served.logged == ["goal rejected: the robot 10.0.0.9 has a goal under way"]
+    assert run.goal_callback(other.request) == "accept"
+    monkeypatch.setattr(served.module, "run", lambda *asked, **stated: running.Ran(True, ""))
+    run.execute(one)
+    assert run.goal_callback(one.request) == "accept"
+    monkeypatch.setattr(served.module, "GOALS", 2)
+    assert run.goal_callback(asked_to_run("10.0.0.7").request) == "reject"
+
+
+def test_the_node_has_threads_for_cancellations_beside_all_goals(served, monkeypatch):
+    # By default the executor has as many threads as processors: two goals took both, for minutes.
+    spun: list[Any] = []
+    rclpy = served.module.rclpy
+    rclpy.init, rclpy.try_shutdown = (lambda: None), (lambda: None)
+    rclpy.spin = lambda node, executor: spun.append(executor)
+    served.module.main()
+    assert spun[0].num_threads > served.module.GOALS
+
+
+def test_results_that_end_are_logged(served):
+    served.service.results = lambda station: (_ for _ in ()).throw(CaesuraError("the service is newer"))
+    served.node.follow()
+    assert "the service is newer" in served.logged[0]
 
 
 # --- Teaching, without ROS 2 ------------------------------------------------------------------------------
@@ -176,6 +373,33 @@ def test_a_demonstration_is_started_followed_and_stopped_where_it_is_cancelled(m
     assert [one.closed for one in seen] == [False, False, True]
 
 
+def test_a_demonstration_whose_connection_is_lost_keeps_its_name_and_program(monkeypatch):
+    shown = Demonstration(monkeypatch)
+
+    def results(station: str, session: str, silence_s: float) -> Any:
+        yield SimpleNamespace(closed=False, program=shown.program, session=session)
+        raise CaesuraError("the router is gone")
+
+    shown.results = results
+    done = teaching.teach(shown, "cell-1", "", Description(), lambda update: None, lambda: False)
+    assert done == (False, "the router is gone", "made", shown.program)
+
+
+def test_a_demonstration_that_is_being_stopped_is_followed_once(monkeypatch):
+    # It was subscribed and queried anew for every update until it was closed.
+    shown = Demonstration(monkeypatch)
+    followed: list[bool] = []
+
+    def results(station: str, session: str, silence_s: float) -> Any:
+        followed.append(shown.stopped)
+        for closed in (False, False, shown.stopped):
+            yield SimpleNamespace(closed=closed, program=shown.program, session=session)
+
+    shown.results = results
+    done = teaching.teach(shown, "cell-1", "", Description(), lambda update: None, lambda: True)
+    assert (done.message, followed) == ("stopped", [False, True])
+
+
 def test_a_demonstration_that_cannot_start_says_why(monkeypatch):
     shown = Demonstration(monkeypatch, refused="no bridge is connected at cell-1")
     done = teaching.teach(shown, "cell-1", "x", Description(), print, lambda: False)
@@ -207,6 +431,16 @@ def test_a_script_runs_and_its_lines_are_reported(monkeypatch):
 def test_a_script_that_stops_says_why(monkeypatch):
     done, _ = ran(monkeypatch, "import sys\nsys.exit('stopped: no contact')")
     assert done == (False, "stopped: no contact")
+
+
+def test_a_program_that_is_cancelled_while_it_is_checked_is_not_run(monkeypatch):
+    assert ran(monkeypatch, "print('moved')", cancel_at=0) == ((False, "cancelled"), [])
+
+
+def test_a_script_has_a_process_group_of_its_own(monkeypatch):
+    # Ctrl-C at the node went to the whole group, and again to the script: the second cut its stop short.
+    _, lines = ran(monkeypatch, "import os\nprint(os.getpgid(0) == os.getpid())")
+    assert lines == ["True"]
 
 
 def test_a_program_that_the_check_refuses_is_not_run(monkeypatch):

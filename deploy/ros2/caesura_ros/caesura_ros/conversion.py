@@ -63,6 +63,8 @@ def as_ros(message: BaseModel, make: Make) -> Any:
             value = to_json(value).decode()
         elif isinstance(value, tuple):
             value = list(value)
+        elif field.type.endswith("[<=1]"):
+            value = [value]
         values[field.name] = value
     return make(type(message).__name__, values)
 

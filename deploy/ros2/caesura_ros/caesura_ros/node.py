@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from typing import Any
 
 import rclpy
 from caesura_interfaces import action, msg
-from rclpy.action import ActionServer, CancelResponse
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import MultiThreadedExecutor
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
@@ -20,8 +21,13 @@ from caesura_ros.conversion import as_ros
 from caesura_ros.running import run
 from caesura_ros.teaching import teach
 
-LATEST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # for who comes later
+GOALS = 8  # under way at the same time: each one blocks a thread of the executor
+SPARE_THREADS = 2  # for new goals and cancellations, while GOALS are under way
+ENDS_S = 15.0  # that the goals under way have to end with the node
+KEPT = 32  # newest messages of a topic for later subscribers: a station may have several sessions
+LATEST = QoSProfile(depth=KEPT, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TOPICS = {"changepoints": msg.Changepoints, "segments": msg.Segments, "program": msg.Program}
+Key = Callable[[Any], tuple[str, str]]  # the request of a goal → what it needs for itself
 
 
 def made(name: str, values: dict[str, Any]) -> Any:
@@ -40,22 +46,69 @@ class CaesuraNode(Node):
         self.topics = {
             name: self.create_publisher(kind, f"~/{name}", LATEST) for name, kind in TOPICS.items()
         }
+        self.under_way: set[tuple[str, str]] = set()
+        self.goals = threading.Condition()  # of `under_way`
         group = ReentrantCallbackGroup()
         self.servers = [
-            ActionServer(self, kind, f"~/{name}", execute, cancel_callback=_accept, callback_group=group)
-            for name, kind, execute in (("teach", action.Teach, self.teach), ("run", action.Run, self.run))
+            ActionServer(
+                self,
+                kind,
+                f"~/{name}",
+                self.blocking(execute, key),
+                goal_callback=self.admitting(key),
+                cancel_callback=_accept,
+                callback_group=group,
+            )
+            for name, kind, execute, key in (
+                ("teach", action.Teach, self.teach, lambda asked: ("station", asked.station)),
+                ("run", action.Run, self.run, lambda asked: ("robot", asked.host)),
+            )
         ]
         threading.Thread(target=self.follow, name="results", daemon=True).start()
 
+    def admitting(self, key: Key) -> Callable[[Any], GoalResponse]:
+        """Return the callback that rejects a second goal at a station or robot, and more than GOALS."""
+
+        def admit(asked: Any) -> GoalResponse:
+            what = key(asked)
+            with self.goals:
+                if what in self.under_way:
+                    reason = f"the {' '.join(what)} has a goal under way"
+                elif len(self.under_way) >= GOALS:
+                    reason = f"{GOALS} goals are under way, which is the most"
+                else:
+                    self.under_way.add(what)
+                    return GoalResponse.ACCEPT
+            self.get_logger().warning(f"goal rejected: {reason}")
+            return GoalResponse.REJECT
+
+        return admit
+
+    def blocking(self, execute: Callable[[Any], Any], key: Key) -> Callable[[Any], Any]:
+        """Return the callback that carries a goal out, and makes room for the next one."""
+
+        def carry_out(goal: Any) -> Any:
+            try:
+                return execute(goal)
+            finally:
+                with self.goals:
+                    self.under_way.discard(key(goal.request))
+                    self.goals.notify_all()
+
+        return carry_out
+
     def follow(self) -> None:
         """Publish each change of each session of the station."""
-        for update in self.caesura.results(self.station):
-            for name, message in (
-                ("changepoints", changepoints_of(update)),
-                ("segments", segments_of(update)),
-                ("program", update.program),
-            ):
-                self.topics[name].publish(as_ros(message, made))
+        try:
+            for update in self.caesura.results(self.station):
+                for name, message in (
+                    ("changepoints", changepoints_of(update)),
+                    ("segments", segments_of(update)),
+                    ("program", update.program),
+                ):
+                    self.topics[name].publish(as_ros(message, made))
+        except Exception as error:  # goals under way go on: one may move a robot
+            self.get_logger().fatal(f"results are no longer published: {error!r}")
 
     def teach(self, goal: Any) -> Any:
         """Carry the action `Teach` out."""
@@ -72,12 +125,12 @@ class CaesuraNode(Node):
             asked.session,
             description,
             report,
-            lambda: goal.is_cancel_requested,
+            lambda: _is_over(goal),
         )
         result.success, result.message, result.session = done.success, done.message, done.session
         if done.program is not None:
             result.program = as_ros(done.program, made)
-        return _ended(goal, result)
+        return _ended(goal, result, is_cancelled=goal.is_cancel_requested)
 
     def run(self, goal: Any) -> Any:
         """Carry the action `Run` out."""
@@ -91,20 +144,23 @@ class CaesuraNode(Node):
             found = self.caesura.snapshot(asked.station, asked.session or None).program
         except CaesuraError as error:
             result.message = str(error)
-            return _ended(goal, result)
+            return _ended(goal, result, is_cancelled=goal.is_cancel_requested)
         result.success, result.message = run(
             document(found),
             asked.format,
             asked.host,
             report,
-            lambda: goal.is_cancel_requested,
+            lambda: _is_over(goal),
             gripper=asked.gripper,
             unchecked=asked.unchecked,
         )
-        return _ended(goal, result)
+        # What was done before the cancellation came is not cancelled: a controller may run it on.
+        return _ended(goal, result, is_cancelled=goal.is_cancel_requested and not result.success)
 
     def destroy_node(self) -> None:
-        """Leave both networks."""
+        """Leave both networks, once the goals under way have ended."""
+        with self.goals:
+            self.goals.wait_for(lambda: not self.under_way, ENDS_S)
         self.caesura.close()
         super().destroy_node()
 
@@ -128,9 +184,14 @@ def _accept(goal: Any) -> CancelResponse:
     return CancelResponse.ACCEPT
 
 
-def _ended(goal: Any, result: Any) -> Any:
+def _is_over(goal: Any) -> bool:
+    """Is a goal cancelled? The end of the node cancels all: no robot moves on without it."""
+    return goal.is_cancel_requested or not rclpy.ok()
+
+
+def _ended(goal: Any, result: Any, *, is_cancelled: bool) -> Any:
     """A goal in its final state, and its result."""
-    if goal.is_cancel_requested:
+    if is_cancelled:
         goal.canceled()
     elif result.success:
         goal.succeed()
@@ -144,9 +205,9 @@ def main() -> None:
     rclpy.init()
     node = CaesuraNode()
     try:
-        rclpy.spin(node, MultiThreadedExecutor())
-    except KeyboardInterrupt:
+        rclpy.spin(node, MultiThreadedExecutor(num_threads=GOALS + SPARE_THREADS))
+    except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
+        rclpy.try_shutdown()  # ends the goals under way
         node.destroy_node()
-        rclpy.try_shutdown()

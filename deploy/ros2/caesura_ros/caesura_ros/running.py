@@ -65,6 +65,8 @@ def run(
     with tempfile.TemporaryDirectory(prefix="caesura-run-") as folder:
         if refusal := _refusal(program, Path(folder), check, unchecked=unchecked):
             return Ran(False, refusal)
+        if is_cancelled():  # while it was checked
+            return Ran(False, "cancelled")
         try:
             return RUNNERS[script](text, Path(folder), host, report, is_cancelled)
         except OSError as error:
@@ -88,7 +90,13 @@ def _run_python(text: str, folder: Path, host: str, report: Report, is_cancelled
     file = folder / "script.py"
     file.write_text(text, "utf-8")
     command = [sys.executable, "-u", str(file), "--robot", host]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as child:
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,  # Ctrl-C at the node reaches it once: a second one would cut its stop short
+    ) as child:
         over, lines = threading.Event(), [""]
         watching = threading.Thread(target=_end_if_cancelled, args=(child, is_cancelled, over))
         watching.start()

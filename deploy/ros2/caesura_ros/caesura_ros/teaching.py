@@ -12,7 +12,7 @@ SILENCE_S = 1.0  # after which a silent session is looked at again, so that a ca
 
 
 class Taught(NamedTuple):
-    """The result of a demonstration; program: None where none was started."""
+    """The result of a demonstration; program: None where nothing was received."""
 
     success: bool
     message: str
@@ -28,19 +28,24 @@ def teach(
     report: Callable[[Update], None],
     is_cancelled: Callable[[], bool],
 ) -> Taught:
-    """Teach at a bridge in standby until it is stopped, here or elsewhere; `report` gets each change."""
+    """Teach at a bridge in standby until it is stopped, here or elsewhere; `report` gets each change.
+
+    Once a demonstration has begun, its name and newest program are in the result, whatever happens after.
+    """
+    program = None
     try:
-        name = describing.start(caesura.transport, station, description, session=session or None).session
+        session = describing.start(caesura.transport, station, description, session=session or None).session
         stopped = False
         while True:
-            for update in caesura.results(station, name, silence_s=SILENCE_S):
+            for update in caesura.results(station, session, silence_s=SILENCE_S):
                 report(update)
+                program = update.program
                 if update.closed:
-                    return Taught(True, "stopped" if stopped else "closed", name, update.program)
-                if is_cancelled():
+                    return Taught(True, "stopped" if stopped else "closed", session, program)
+                if is_cancelled() and not stopped:
                     break
             if is_cancelled() and not stopped:
-                describing.stop(caesura.transport, station, session=name)
+                describing.stop(caesura.transport, station, session=session)
                 stopped = True
     except CaesuraError as error:
-        return Taught(False, str(error), session, None)
+        return Taught(False, str(error), session, program)

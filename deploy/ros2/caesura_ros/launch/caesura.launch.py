@@ -4,6 +4,7 @@ from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
 
 ARGUMENTS = {"endpoint": "tcp/127.0.0.1:7447", "station": "*"}
 
@@ -18,7 +19,10 @@ def generate_launch_description():
                 executable="caesura_node",
                 name="caesura",
                 output="screen",
-                parameters=[{name: LaunchConfiguration(name) for name in ARGUMENTS}],
+                # Texts: launch_ros reads any other value as YAML, in which `*` is an error and 7 a number.
+                parameters=[
+                    {name: ParameterValue(LaunchConfiguration(name), value_type=str) for name in ARGUMENTS}
+                ],
             ),
         ]
     )

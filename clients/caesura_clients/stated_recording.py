@@ -8,7 +8,7 @@ from caesura_protocol.codec import signals_of
 from caesura_protocol.formats.raw_recording import Array
 from caesura_protocol.messages import LengthUnit, Program, SessionStatus
 from caesura_protocol.programs.safety import CellSettings
-from caesura_protocol.recording import ASSUMED_FRAME, Recording
+from caesura_protocol.recording import ASSUMED, ASSUMED_FRAME, Recording
 
 
 def stated_recording(
@@ -20,13 +20,14 @@ def stated_recording(
     defaults apply.
     """
     wrench = status.wrench
+    said = (*program.notes, *(() if wrench.frame_stated else (ASSUMED_FRAME,)))
     return Recording(
         rows[:, 0],
         signals_of(columns, rows),
         wrench_source=wrench.source if wrench.stated else None,
         hand_on_robot=wrench.hand_on_robot,
         force_frame=wrench.frame,
-        assumed=() if wrench.frame_stated else (ASSUMED_FRAME,),
+        assumed=tuple(words for words in ASSUMED.values() if words in said),
         length_unit=unit,
         name=status.session,
         setting=CellSettings(program.force_limit_n, robot=program.robot, up=wrench.up),

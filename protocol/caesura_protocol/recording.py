@@ -189,6 +189,15 @@ class Recording:
         } | self.setting.stated_texts
 
     @property
+    def file_statements(self) -> dict[str, str]:
+        """Return what a file states: the options, and the order of quaternions where it is assumed.
+
+        An npz leaves that order out instead: without it the reader assumes it again.
+        """
+        order = {ASSUMED_IN_FILE: "quaternion_order"} if "quaternion_order" in self.assumptions else {}
+        return self.stated_options | order
+
+    @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns of `matrix`, as in messages."""
         return ("t", *(c for s, v in self.signals.items() for c in COLUMNS_OF_SIGNAL[s][: v.shape[1]]))
@@ -201,7 +210,7 @@ class Recording:
         """Write the recording as npz."""
         arrays = {s: v[:, 0] if v.shape[1] == 1 else v for s, v in self.signals.items()}
         options = {key: np.array(value) for key, value in self.stated_options.items()}
-        if "quat" in arrays:
+        if "quat" in arrays and "quaternion_order" not in self.assumptions:
             options[QUATERNION_ORDER] = np.array("xyzw")
         np.savez_compressed(path, t=self.t, **arrays, **options)  # type: ignore[arg-type]
 
@@ -253,7 +262,13 @@ ASSUMED_FRAME = (
 )
 ASSUMED_FLAG = "Gripper: a flag of which 1 is closed and 0 open, assumed. Exchange them where 1 is open."
 ASSUMED: Mapping[Assumption, str] = {"quaternion_order": ASSUMED_ORDER, "force_frame": ASSUMED_FRAME}
+ASSUMED_IN_FILE = "assumed"  # key of a csv's comment or an MCAP's metadata: what its writer assumed
 NOT_STATED = (None, "unknown")  # values of an option that no file needs to hold
+
+
+def assumed_by_writer(stated: Mapping[str, str]) -> tuple[str, ...]:
+    """Return texts on what the writer of a file assumed. stated: its comments or metadata, by their keys."""
+    return (ASSUMED_ORDER,) if stated.get(ASSUMED_IN_FILE) == "quaternion_order" else ()
 
 
 def is_option(key: str, value: str | None) -> bool:

@@ -19,6 +19,7 @@ from caesura_protocol.errors import CaesuraError
 from caesura_protocol.keys import ReplayRange, session_key, station_key
 from caesura_protocol.messages import SampleBatch
 from caesura_protocol.programs.safety import CellSettings
+from caesura_protocol.recording import ASSUMED_ORDER
 from clients.answering import Answering
 from clients.examples import LiveSource, samples, snapshot
 from clients.fake_service import FakeService, eventually
@@ -256,3 +257,12 @@ def test_a_word_of_the_end_that_was_lost_is_asked_for(memory, monkeypatch):
             over.set()
     assert found.closed
     assert found.snapshot == reported
+
+
+def test_an_order_of_quaternions_that_the_bridge_assumed_is_not_stated_by_the_recording():
+    found = snapshot(0)
+    noted = found.model_copy(update={"program": found.program.model_copy(update={"notes": (ASSUMED_ORDER,)})})
+    recorder = Recorder("s1")
+    recorder.add_batch(batch(0))
+    assert recorder.recording(noted).assumptions[:1] == ("quaternion_order",)
+    assert "quaternion_order" not in recorder.recording(found).assumptions

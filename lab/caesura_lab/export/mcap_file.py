@@ -16,6 +16,7 @@ from caesura_protocol.formats.mcap_write import (
     McapMessage,
     Poses,
     decimate,
+    description_texts,
 )
 from caesura_protocol.formats.mcap_write import entries as entries_of
 from caesura_protocol.formats.mcap_write import write_mcap as write
@@ -51,6 +52,7 @@ def content_of(session: SessionExport) -> McapContent:
         gaps=view.gaps,
         program=session.program,
         wrench_note=view.wrench.note,
+        more=description_texts(session.description),
     )
 
 

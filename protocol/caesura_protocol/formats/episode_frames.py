@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 from caesura_protocol.columns import signal_columns
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.formats.raw_recording import Array
+from caesura_protocol.formats.sample_checks import is_flag
 from caesura_protocol.messages import Gap, Kind, Phase, Segment
 from caesura_protocol.plausibility import METRES
 from caesura_protocol.recording import Recording
 from caesura_protocol.rotations import align_signs
 
+FLAG, OPENING = "a flag, 1 is closed", "an opening in m"
 MAX_FPS = 100  # [1/s] unless another rate is asked for
 
 #: What the person does in a segment of each kind.
@@ -106,7 +108,8 @@ def episodes_of(sources: Sequence[EpisodeSource], fps: int | None = None) -> lis
     for one, rate in zip(sources, rates, strict=True):
         if chosen > 1.01 * rate:
             raise EpisodeError(f"{one.name}: {chosen} frames a second, and its samples come at {rate:.4g} Hz")
-    made = [_episode(one, chosen) for one in sources]
+    gripper = _gripper(sources)
+    made = [_episode(one, chosen, gripper) for one in sources]
     _check_alike(made)
     return made
 
@@ -122,7 +125,25 @@ def _rate(one: EpisodeSource) -> float:
     return 1.0 / float(np.median(np.diff(times)))
 
 
-def _episode(one: EpisodeSource, fps: int) -> Episode:
+def _gripper(sources: Sequence[EpisodeSource]) -> str:
+    """Return the meaning of the gripper's numbers in all episodes. Raises EpisodeError for two meanings.
+
+    A column of zeros alone is shut fingers or an open flag, and fits both.
+    """
+    found: dict[str, str] = {}
+    for one in sources:
+        column = one.recording.signals.get("gripper")
+        if column is not None and column.any():
+            found.setdefault(FLAG if is_flag(column[:, 0]) else OPENING, one.name)
+    if len(found) > 1:
+        raise EpisodeError(
+            f"gripper is {FLAG} in {found[FLAG]} and {OPENING} in {found[OPENING]}: all episodes of a "
+            "dataset have the same features. Export them apart"
+        )
+    return f"gripper {next(iter(found), 'as sent')}"
+
+
+def _episode(one: EpisodeSource, fps: int, gripper: str) -> Episode:
     for gap in one.gaps:
         if gap.tn > gap.t0:
             raise EpisodeError(
@@ -135,7 +156,7 @@ def _episode(one: EpisodeSource, fps: int) -> Episode:
     if count < 2:
         raise EpisodeError(f"{one.name}: {count} frame at {fps} a second, expected at least 2")
     frames = times[0] + np.arange(count) / fps
-    specs = _specs(one.recording)
+    specs = _specs(one.recording, gripper)
     found = {
         signal: values_at(frames, times, _metric(one.recording, signal)[kept], signal)
         for signal in one.recording.signals
@@ -162,16 +183,20 @@ _PARTS: Mapping[str, tuple[str, ...]] = {
 }
 
 
-def _specs(recording: Recording) -> dict[str, FeatureSpec]:
-    """Return the features of a recording; those of its wrench only if the source is stated."""
+def _specs(recording: Recording, gripper: str) -> dict[str, FeatureSpec]:
+    """Return the features of a recording; those of its wrench only if the source is stated.
+
+    gripper: the meaning of its numbers.
+    """
     stated = recording.wrench_source not in {None, "none"}
     source = ("source", str(recording.wrench_source))
+    frame = recording.force_frame + (", assumed" if "force_frame" in recording.assumptions else "")
     described: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
-        "observation.state": ("float32", (("unit", "q rad; p m, base frame; gripper as sent"),)),
+        "observation.state": ("float32", (("unit", f"q rad; p m, base frame; {gripper}"),)),
         # 32 bits hold a force above 16 N no better than to 1e-6 N.
         "observation.wrench": (
             "float64",
-            (("unit", "f N, m Nm: neither tared nor filtered"), ("frame", recording.force_frame), source),
+            (("unit", "f N, m Nm: neither tared nor filtered"), ("frame", frame), source),
         ),
         "observation.external_torque": ("float64", (("unit", "Nm"), source)),
     }

@@ -291,6 +291,7 @@ def _details(episode: Episode) -> dict[str, Any]:
         "began_s": one.began_s,
         "first_frame_s": float(one.recording.t.min()),  # session clock
         **one.recording.stated_options,
+        "assumed": [*one.recording.assumed],
         "segments": [segment.model_dump(mode="json", exclude_none=True) for segment in one.segments],
         "phases": [phase.model_dump(mode="json", exclude_none=True) for phase in one.phases],
         "gaps": [

@@ -30,7 +30,7 @@ from caesura_protocol.formats.mcap_messages import (
     Wrench,
     schema_of,
 )
-from caesura_protocol.messages import Changepoint, Gap, Message, Phase, Segment
+from caesura_protocol.messages import Changepoint, Description, Gap, Message, Phase, Segment
 from caesura_protocol.recording import Recording
 
 Array = NDArray[np.float64]
@@ -149,6 +149,14 @@ def _write(stream: IO[bytes], content: McapContent) -> int:
     return count
 
 
+def description_texts(description: Description) -> dict[str, str]:
+    """Return an operator's statements as metadata: texts, and other values as JSON. What is not stated is
+    left out.
+    """
+    stated = description.model_dump(mode="json", exclude_defaults=True, exclude={"deleted"})
+    return {key: value if isinstance(value, str) else json.dumps(value) for key, value in stated.items()}
+
+
 def _channel(writer: Writer, topic: str) -> int:
     schema = json.dumps(schema_of(topic)).encode()
     registered = writer.register_schema(name=CHANNELS[topic][0], encoding="jsonschema", data=schema)
@@ -163,7 +171,7 @@ def _metadata(content: McapContent) -> dict[str, str]:
         "preset": content.preset,
         "complete": json.dumps(content.program.complete),
         "wrench_note": content.wrench_note,
-        **recording.stated_options,
+        **recording.file_statements,
         "columns": " ".join(content.columns),
         "units": "/state and /wrench as sent: pos in length_unit, q rad, force N in force_frame, torque and "
         "tau Nm; everything else: s, m, N, kg in the base frame",

@@ -54,6 +54,7 @@ from caesura_protocol.recording import (
     Recording,
     RecordingError,
     UnknownColumnsError,
+    assumed_by_writer,
     contradiction,
     declared_units,
     did_you_mean,
@@ -376,6 +377,7 @@ def _read_csv(path: Path, mapping: Path | None, wrench: WrenchStatement) -> RawR
         arrays["t"] = column["t"]
     known = {"t", *(name for names in COLUMNS_OF_SIGNAL.values() for name in names)}
     options = {key: value for key, value in stated.items() if key in STATED}
+    assumed += assumed_by_writer(stated)
     # Other comments are for people, unless they look like an option.
     mistyped = [key for key in stated if key not in STATED and did_you_mean(key) in STATED]
     ignored = [*mistyped, *(name for name in column if name not in known)]

@@ -32,7 +32,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 def write_csv(path: Path, recording: Recording) -> None:
     """Write one column per component, options in leading comments; numbers in the shortest exact form."""
     with whole_file(path) as part, part.open("w", encoding="utf-8", newline="") as stream:
-        for key, value in recording.stated_options.items():
+        for key, value in recording.file_statements.items():
             stream.write(f"# {key}: {value}\n")
         rows = csv.writer(stream, lineterminator="\n")
         rows.writerow(recording.columns)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from caesura_protocol.app_kinds import ends_in_contact, step_title
+from caesura_protocol.app_kinds import app_name, ends_in_contact, step_title
 from caesura_protocol.force_limit import is_path_limited
 from caesura_protocol.messages import Vector
 from caesura_protocol.programs.app_times import goes_on, rests_of
@@ -20,7 +20,7 @@ from caesura_protocol.programs.export_limits import (
     refuse_beyond_limits,
     without_friction,
 )
-from caesura_protocol.programs.gripping import with_held_loads
+from caesura_protocol.programs.gripping import gripper_of, not_driven, with_held_loads
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.script_templates import (
     filled_template,
@@ -34,25 +34,38 @@ from caesura_protocol.screw_motion import stop_torque_nm
 
 FIELDS = ("target", "orientation", "joints", "force", "force_taught", "load_kg", "gripper_width")
 DIGITS = 6
-MARK_LIMITS, MARK_APPS, MARK_NAME = "# <LIMITS>", "# <APPS>", "<NAME>"
+MARK_LIMITS, MARK_APPS, MARK_NAME, MARK_ROBOT = "# <LIMITS>", "# <APPS>", "<NAME>", "<ROBOT>"
 MARK_FINDINGS = "# <FINDINGS>\n"
 
 
 def franky_script(program: ProgramFile) -> str:
     """Return the script's text.
 
-    Raises ValueError for a robot of another maker, an app beyond the limits, or a number that is not finite.
+    Raises ValueError for a robot of another maker, a gripper that franky cannot drive, an app beyond the
+    limits, or a number that is not finite.
     """
-    robot_of_script(program, "franky", "a franky script is for a Franka arm")
+    robot = robot_of_script(program, "franky", "a franky script is for a Franka arm")
+    _refuse_other_gripper(program)
     refuse_beyond_limits(program)
     program = with_held_loads(program)
     texts = {
         MARK_NAME: title_of(program),
+        MARK_ROBOT: "Franka Panda" if robot is None else robot.title,
         MARK_FINDINGS: head_comments(program),
         MARK_LIMITS: _limits(program.safety),
         MARK_APPS: table_of_apps(program, _rows(program.apps), 96),
     }
     return filled_template("franky_template.py.txt", texts)
+
+
+def _refuse_other_gripper(program: ProgramFile) -> None:
+    """Raise ValueError where fingers move that are stated to be other than those of a Franka Hand."""
+    held_by = gripper_of(program)
+    if held_by is None or held_by.interface == "franka":
+        return
+    for index, app in enumerate(program.apps):
+        if app.kind in {"grasp", "gripper_move"}:
+            raise ValueError(not_driven(app_name(index, app.kind), "franky", held_by, {"franka"}))
 
 
 def _limits(safety: Safety) -> str:

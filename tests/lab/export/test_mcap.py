@@ -22,6 +22,7 @@ from caesura_protocol.messages import (
     App,
     Changepoint,
     Close,
+    Description,
     Edit,
     EditProgram,
     Error,
@@ -269,6 +270,15 @@ def test_the_metadata_says_what_the_numbers_are(file: File):
         assert file.metadata[key] == value
     assert float(file.metadata["began_s"]) == pytest.approx(BEGAN + TRAVEL, abs=1e-6)
     assert {"length_unit", "force_frame", "units", "clock", "columns"} <= set(file.metadata)
+
+
+def test_the_metadata_has_what_operators_state(recording: Recording, tmp_path: Path):
+    # A file of a session lost its task, its operator and whether it had succeeded.
+    described = {"task": "wipe", "operator": "Ann", "tags": ("wet",), "success": False}
+    file = exported(kept(recording, description=Description(**described)), tmp_path)
+    found = {key: file.metadata[key] for key in described}
+    assert found == {"task": "wipe", "operator": "Ann", "tags": '["wet"]', "success": "false"}
+    assert not {"task", "note", "success"} & set(exported(kept(recording), tmp_path).metadata)
 
 
 def test_what_was_lost_is_there_as_a_gap_and_in_the_programs_notes(recording: Recording, tmp_path: Path):

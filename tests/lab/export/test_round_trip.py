@@ -23,7 +23,7 @@ from caesura_protocol.formats.mcap_write import McapContent, write_mcap
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.formats.write import write_csv
 from caesura_protocol.programs.safety import CellSettings
-from caesura_protocol.recording import Recording
+from caesura_protocol.recording import ASSUMED_ORDER, Recording
 from caesura_service.offline_segmentation import as_json, recording_of, segment_recording
 from harness.commands import application
 from harness.demonstrations import guided
@@ -87,6 +87,21 @@ def test_every_finite_number_survives_mcap_and_csv(tmp_path, data, began, unit, 
     assert_same(recording, load_recording(tmp_path / "any.csv"))
     recording.save(tmp_path / "any.npz")
     assert_same(recording, load_recording(tmp_path / "any.npz"))
+
+
+@pytest.mark.parametrize("suffix", ["mcap", "csv", "npz"])
+def test_an_order_of_quaternions_that_was_assumed_is_assumed_in_a_copy(tmp_path, suffix):
+    # A copy stated it, and nothing named the assumption from then on.
+    turned = np.tile([0.0, 0.0, 0.0, 1.0], (guided().t.size, 1))
+    replace(guided(), signals=guided().signals | {"quat": turned}).save(tmp_path / "stated.npz")
+    for name in ("stated", "open"):
+        copy = tmp_path / f"{name}-copy.{suffix}"
+        assert caesura("export", tmp_path / f"{name}.npz", "-o", copy).exit_code == 0
+        assert (ASSUMED_ORDER in load_recording(copy).assumed) == (name == "open")
+        assert load_recording(copy).ignored == ()
+        left = dict(np.load(tmp_path / "stated.npz"))
+        left.pop("quaternion_order")
+        np.savez(tmp_path / "open.npz", **left)
 
 
 @pytest.mark.parametrize("suffix", ["mcap", "csv", "npz"])

@@ -22,7 +22,7 @@ from caesura_protocol.formats.episode_frames import EpisodeError, EpisodeSource,
 from caesura_protocol.formats.lerobot_write import write_lerobot
 from caesura_protocol.messages import Gap
 from caesura_protocol.programs.safety import CellSettings
-from caesura_protocol.recording import Recording
+from caesura_protocol.recording import ASSUMED_FRAME, Recording
 from caesura_service.offline_segmentation import segment_recording
 from harness.demonstrations import guided
 
@@ -233,6 +233,34 @@ def test_frames_between_samples_are_interpolated_and_a_gripper_is_not(sources):
     np.testing.assert_allclose(state[:, :3], expected, rtol=0, atol=1e-9)
     np.testing.assert_allclose(episode.values["observation.wrench"], 9 * expected, rtol=0, atol=1e-6)
     assert set(state[:, 3]) == {0.0, 1.0}
+
+
+def test_a_flag_and_an_opening_of_a_gripper_make_no_dataset(sources):
+    # Both were columns of one name: 1 is shut in one episode, and 40 mm are open in the next.
+    def with_column(number: int, column: np.ndarray) -> EpisodeSource:
+        recording = sources[number].recording
+        signals = recording.signals | {"gripper": column[:, None]}
+        return replace(sources[number], recording=replace(recording, signals=signals))
+
+    width = sources[1]
+    half = width.recording.signals["gripper"][:, 0] > 0.0
+    flag, never = with_column(0, (~half).astype(float)), with_column(2, np.zeros(half.size))
+    with pytest.raises(EpisodeError, match=r"a flag, 1 is closed in cell-1/press and an opening in m in"):
+        episodes_of([flag, width])
+    for one, meaning in ((flag, "a flag, 1 is closed"), (width, "an opening in m")):
+        for episode in episodes_of([one, never]):
+            assert episode.specs["observation.state"].info[0][1].endswith(f"gripper {meaning}")
+    assert episodes_of([never])[0].specs["observation.state"].info[0][1].endswith("gripper as sent")
+
+
+def test_a_frame_of_the_force_that_was_assumed_is_named_so(sources):
+    recording = replace(sources[0].recording, assumed=(ASSUMED_FRAME,))
+    assumed = replace(sources[0], recording=recording)
+    for one, frame in ((assumed, "base, assumed"), (sources[0], "base")):
+        (episode,) = episodes_of([one])
+        assert dict(episode.specs["observation.wrench"].info)["frame"] == frame
+    with pytest.raises(EpisodeError, match=r"observation.wrench is .*frame: base, assumed"):
+        episodes_of([assumed, sources[1]])
 
 
 def test_what_makes_no_episode_is_refused_by_name(sources, tmp_path, monkeypatch):

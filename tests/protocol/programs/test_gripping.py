@@ -9,10 +9,11 @@ from caesura_lab.execution.cell import Cell
 from caesura_lab.execution.checks import check
 from caesura_protocol.programs.checks import gripper_findings
 from caesura_protocol.programs.document import read_document
+from caesura_protocol.programs.franky_script import franky_script
 from caesura_protocol.programs.gripping import gripper_of, with_gripper, within_gripper
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.robots import GripperDescription, GripperError, gripper, grippers, robot_description
-from harness.programs import app, as_file, pick_and_place
+from harness.programs import app, as_file, pick_and_place, press
 
 NO_ROBOT = "reach was not checked"
 OPEN = "no app opens the fingers before"
@@ -129,3 +130,25 @@ def test_a_suction_cup_has_no_width():
 def test_a_gripper_that_cannot_be_is_refused(fields, said):
     with pytest.raises(ValidationError, match=said):
         GripperDescription.model_validate({"title": "G"} | fields)
+
+
+@pytest.mark.parametrize("name", ["robotiq_2f_85", "suction", "xarm_vacuum"])
+def test_a_franky_script_moves_no_fingers_for_another_gripper(name: str):
+    # It was written, and commanded a Franka Hand in place of the stated gripper.
+    program = with_gripper(as_file(pick_and_place()), name)
+    title = gripper(name).title
+    with pytest.raises(
+        ValueError, match=rf"app 2 \(grasp\): franky does not drive a {title}, expected .*hand"
+    ):
+        franky_script(program)
+    assert franky_script(with_gripper(program, "franka_hand"))
+    assert franky_script(with_gripper(as_file(press()), name)), "no app moves its fingers"
+
+
+@pytest.mark.parametrize(
+    ("robot", "title"),
+    [("fr3", "Franka Research 3"), ("panda", "Franka Emika Panda"), (None, "Franka Panda")],
+)
+def test_a_franky_script_names_the_arm_that_it_is_for(robot: str | None, title: str):
+    text = franky_script(as_file(press()).model_copy(update={"robot": robot}))
+    assert f"for franky-control 2 on a {title}." in text.splitlines()[1]

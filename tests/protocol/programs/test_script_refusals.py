@@ -94,8 +94,9 @@ def test_a_program_that_begins_with_a_grasp_says_where_the_arm_must_stand():
     assert (found.severity, found.index) == ("warning", 0)
     assert found.reason.startswith(said)
     assert not order_findings(pick_and_place())
-    for write in (franky_script, ur_script, xarm_script):
-        program = as_file(begun_at_the_object()).model_copy(update={"gripper": "robotiq_2f_85"})
+    driven = {franky_script: "franka_hand", ur_script: "robotiq_2f_85", xarm_script: "robotiq_2f_85"}
+    for write, gripper in driven.items():
+        program = as_file(begun_at_the_object()).model_copy(update={"gripper": gripper})
         assert f"# warning: {said}" in write(program)
 
 

@@ -149,6 +149,14 @@ def _write(stream: IO[bytes], content: McapContent) -> int:
     return count
 
 
+def _assumed_orientation(content: McapContent) -> dict[str, str]:
+    """Return the statement that drawn frames have no recorded orientation; nothing where they have one."""
+    is_drawn = bool(content.poses.t.size) and bool((content.poses.orientations == UPRIGHT).all())
+    if not is_drawn or "quat" in content.recording.signals:
+        return {}
+    return {"orientation": "not recorded: /tf and /path show the axes of the base"}
+
+
 def description_texts(description: Description) -> dict[str, str]:
     """Return an operator's statements as metadata: texts, and other values as JSON. What is not stated is
     left out.
@@ -177,6 +185,7 @@ def _metadata(content: McapContent) -> dict[str, str]:
         "tau Nm; everything else: s, m, N, kg in the base frame",
         "clock": "log time is began_s + t; t is the session's own clock",
         "began_s": repr(content.began_s),
+        **_assumed_orientation(content),
         **content.more,
     }
 

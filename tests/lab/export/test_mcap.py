@@ -17,6 +17,7 @@ from caesura_lab.export.mcap_file import entries, write_mcap
 from caesura_lab.export.session_export import read_session_export
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.formats.mcap_messages import CHANNELS, schema_of
+from caesura_protocol.formats.mcap_write import UPRIGHT
 from caesura_protocol.messages import (
     Ack,
     App,
@@ -279,6 +280,14 @@ def test_the_metadata_has_what_operators_state(recording: Recording, tmp_path: P
     found = {key: file.metadata[key] for key in described}
     assert found == {"task": "wipe", "operator": "Ann", "tags": '["wet"]', "success": "false"}
     assert not {"task", "note", "success"} & set(exported(kept(recording), tmp_path).metadata)
+
+
+def test_an_orientation_that_was_not_recorded_is_not_passed_off_as_one(recording: Recording, tmp_path: Path):
+    left = {name: values for name, values in recording.signals.items() if name not in {"quat", "q"}}
+    file = exported(kept(replace(recording, signals=left)), tmp_path)
+    assert {tuple(frame["rotation"].values()) for frame in file.of("/tf")} == {UPRIGHT}
+    assert file.metadata["orientation"] == "not recorded: /tf and /path show the axes of the base"
+    assert "orientation" not in exported(kept(recording), tmp_path).metadata
 
 
 def test_what_was_lost_is_there_as_a_gap_and_in_the_programs_notes(recording: Recording, tmp_path: Path):

@@ -237,7 +237,7 @@ def served(monkeypatch):
             return SimpleNamespace(publish=print)
 
         def get_logger(self) -> Any:
-            return SimpleNamespace(warning=found.logged.append, fatal=found.logged.append)
+            return SimpleNamespace(**dict.fromkeys(("warning", "error", "fatal"), found.logged.append))
 
         def destroy_node(self) -> None:
             pass
@@ -326,6 +326,16 @@ def test_the_node_has_threads_for_cancellations_beside_all_goals(served, monkeyp
     rclpy.spin = lambda node, executor: spun.append(executor)
     served.module.main()
     assert spun[0].num_threads > served.module.GOALS
+
+
+def test_a_goal_that_fails_says_why(served):
+    # Its result was empty: a task that no description can have, and a name that no key can have.
+    for asked, words in (({"task": "x" * 1000}, "task"), ({"station": "a/b*"}, "a/b*")):
+        goal = Goal(**({"station": "cell-1", "session": "", "task": "", "operator": ""} | asked))
+        served.service.transport = None
+        result = served.actions["~/teach"].execute(goal)
+        assert (goal.state, result.success) == ("aborted", False)
+        assert words in result.message
 
 
 def test_results_that_end_are_logged(served):

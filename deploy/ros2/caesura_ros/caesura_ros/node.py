@@ -15,6 +15,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from caesura_clients import CaesuraError, Update, connect
+from caesura_clients.describing import changed
 from caesura_protocol.messages import Changepoints, Description, Segments
 from caesura_protocol.programs.document import document
 from caesura_ros.conversion import as_ros
@@ -54,7 +55,7 @@ class CaesuraNode(Node):
                 self,
                 kind,
                 f"~/{name}",
-                self.blocking(execute, key),
+                self.blocking(kind, execute, key),
                 goal_callback=self.admitting(key),
                 cancel_callback=_accept,
                 callback_group=group,
@@ -84,12 +85,17 @@ class CaesuraNode(Node):
 
         return admit
 
-    def blocking(self, execute: Callable[[Any], Any], key: Key) -> Callable[[Any], Any]:
-        """Return the callback that carries a goal out, and makes room for the next one."""
+    def blocking(self, kind: Any, execute: Callable[[Any], Any], key: Key) -> Callable[[Any], Any]:
+        """Return the callback that carries a goal out, states why it failed, and makes room for the next."""
 
         def carry_out(goal: Any) -> Any:
             try:
                 return execute(goal)
+            except Exception as error:  # rclpy would abort the goal with an empty result
+                self.get_logger().error(f"goal failed: {error!r}")
+                failed = kind.Result()
+                failed.success, failed.message = False, str(error)
+                return _ended(goal, failed, is_cancelled=False)
             finally:
                 with self.goals:
                     self.under_way.discard(key(goal.request))
@@ -118,7 +124,7 @@ class CaesuraNode(Node):
             feedback.session, feedback.segments = update.session, as_ros(segments_of(update), made)
             goal.publish_feedback(feedback)
 
-        description = Description(task=asked.task or None, operator=asked.operator or None)
+        description = changed(Description(), task=asked.task or None, operator=asked.operator or None)
         done = teach(
             self.caesura,
             asked.station,

@@ -15,6 +15,8 @@ from caesura_service.ownership.session_copies import JournalSet
 from caesura_service.publishing.events import Owner
 
 IN_TAKEOVER = "the station is being taken over"
+SERVED_ELSEWHERE = "another instance has served the station meanwhile: try again"
+STORED_LATE = "the journal could not store the station's owner until now: try again"
 
 
 class StationOwnership:
@@ -86,7 +88,7 @@ class StationOwnership:
         self._store_epochs(station)
         if is_late or self._superseded_among({station}):
             self.superseded.add(station)
-            raise JournalSupersededError("another instance has served the station meanwhile: try again")
+            raise JournalSupersededError(STORED_LATE if is_late else SERVED_ELSEWHERE)
 
     def release(self, station: str) -> None:
         """Release a station to another instance."""

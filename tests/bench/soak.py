@@ -35,7 +35,7 @@ COLUMNS = ("minutes", "sessions", "process", "MB", "threads", "files", "processo
 
 
 class Stations:
-    """Stations that teach until they are told to stop; each error ends one, and is kept."""
+    """Stations that teach until the context ends; an error ends its station, and is kept."""
 
     def __init__(self, endpoint: str, count: int, pace: float) -> None:
         self._endpoint, self._pace = endpoint, pace

@@ -30,6 +30,7 @@ from caesura_protocol.formats.mcap_messages import (
     Wrench,
     schema_of,
 )
+from caesura_protocol.formats.write import whole_file
 from caesura_protocol.messages import Changepoint, Description, Gap, Message, Phase, Segment
 from caesura_protocol.recording import Recording
 
@@ -82,14 +83,8 @@ class McapMessage(NamedTuple):
 
 def write_mcap(path: Path, content: McapContent) -> int:
     """Write the file, completely or not at all; return the number of messages. Raises OSError."""
-    unfinished = path.with_name(path.name + ".part")
-    try:
-        with unfinished.open("wb") as stream:
-            count = _write(stream, content)
-        unfinished.replace(path)
-    finally:
-        unfinished.unlink(missing_ok=True)
-    return count
+    with whole_file(path) as part, part.open("wb") as stream:
+        return _write(stream, content)
 
 
 def entries(content: McapContent) -> Iterator[McapMessage]:

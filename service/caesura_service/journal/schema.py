@@ -323,10 +323,11 @@ def map_sqlite_errors(path: Path) -> Iterator[None]:
             name = "_".join(name.split("_")[:2])
         if not isinstance(error, sqlite3.Error):
             name = _name_of(error) if isinstance(error, OSError) else "SQLITE_CORRUPT"
+        refusal = _refused_write(path) if name in UNEXPLAINED else 0
         if name == "SQLITE_IOERR":
-            name = LACKS_OF_ROOM.get(_refused_write(path), name)
+            name = LACKS_OF_ROOM.get(refusal, name)
         remedy = (
-            _remedy_of_disk(path, name)
+            _remedy_of_disk(path, name, refusal)
             or _remedy_of_neighbour(path, name)
             or REMEDIES.get(name, "cannot be used")
         )
@@ -355,9 +356,9 @@ def _refused_write(path: Path) -> int:
     return 0
 
 
-def _remedy_of_disk(path: Path, name: str) -> str | None:
+def _remedy_of_disk(path: Path, name: str, refusal: int) -> str | None:
     """Return the remedy from the disk's own error if SQLite only reports that it cannot open or write the
-    file.
+    file. refusal: as of `_refused_write`.
     """
     if name not in UNEXPLAINED:
         return None
@@ -370,7 +371,7 @@ def _remedy_of_disk(path: Path, name: str) -> str | None:
         disk = os.statvfs(path.parent)
     except OSError:
         return None
-    if _refused_write(path) == errno.EROFS:
+    if refusal == errno.EROFS:
         return "cannot be written, its disk is read-only: mount it for writing, or name another --journal"
     if disk.f_files and not disk.f_favail:
         return "cannot be opened, its disk holds no further file: delete some, or name another --journal"

@@ -16,6 +16,7 @@ from operator import mul
 import numpy as np
 
 from caesura_protocol.messages import Vector
+from caesura_protocol.programs.gripping import SURE_SDS
 from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
 from caesura_protocol.rotations import angle_between
 from caesura_service.constants import GRAVITY
@@ -31,7 +32,6 @@ from caesura_service.program.program_segment import (
 from caesura_service.program.strokes import LEAST_TURN_RAD, NOWHERE_M, OUT_M
 
 HANGING_N, HANGING_ASIDE, HANGING_SD_N = 1.5, 0.6, 1.0  # a load's weight, what is aside of it, its error
-SURE_SDS = 2.0  # deviations of a load from nothing
 NOWHERE = {  # how far [m] and by how much [rad] a step leads at least, by kind; of a turn, a check names more
     "transport": (NOWHERE_M, LEAST_TURN_RAD),
     "turning": (OUT_M, math.radians(3.0)),

@@ -1,7 +1,7 @@
 """An instance is frozen between its look at the epochs and the record of a change, which is then refused.
 
 Its successor has acknowledged another change meanwhile. The refused record lies in a journal and counts for
-nothing, whatever is killed and whoever takes the station over next.
+nothing, whatever is killed and whichever instance takes the station over next.
 """
 
 from __future__ import annotations

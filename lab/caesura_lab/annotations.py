@@ -98,6 +98,11 @@ class RecordingSource:
     source: str = ""
     licence: str = ""
 
+    @property
+    def demonstration(self) -> str:
+        """Return `source` without the part of its file, as `:left` for one of two arms; "" if unstated."""
+        return re.sub(r":\w+$", "", self.source)
+
 
 @dataclass(frozen=True)
 class Truth:

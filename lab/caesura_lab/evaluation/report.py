@@ -261,6 +261,7 @@ def _score(score: Score) -> dict[str, Any]:
         "recording": score.recording,
         "tags": score.tags,
         "sets": score.groups,
+        "subject": score.subject or score.recording,
         "hits": score.hits,
         "false_alarms": score.false_alarms,
         "misses": score.misses,

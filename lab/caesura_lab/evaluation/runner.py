@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from caesura_lab.annotations import ToleranceOptions
+from caesura_lab.annotations import ToleranceOptions, Truth
 from caesura_lab.evaluation.methods import Method
 from caesura_lab.evaluation.observations import grid_signals
 from caesura_lab.evaluation.score import Score, score
@@ -44,6 +44,7 @@ def judge(
     about: dict[str, Any] = {
         "tags": (*case.tags, rest),
         "groups": groups,
+        "subject": _subject(case, truth),
         "cautions": (*recording.cautions, *recording.doubts),
     }
     verdicts: list[Verdict] = []
@@ -59,6 +60,12 @@ def judge(
                 one = score(method.name, tolerance_option.apply_to(truth), found)
                 verdicts.append(replace(one, **about, slack_s=tolerance_option.slack_s))
     return verdicts
+
+
+def _subject(case: Case, truth: Truth) -> str:
+    """Return the demonstration that the annotation names, because it may be in several files."""
+    stated = "" if truth.source is None else truth.source.demonstration
+    return stated or case.subject
 
 
 def judge_all(

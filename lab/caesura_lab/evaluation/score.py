@@ -129,6 +129,7 @@ class Score:
     alarms: tuple[FalseAlarm, ...] = ()
     tags: tuple[str, ...] = ()  # what kind of recording it is
     groups: tuple[str, ...] = ()  # robot, if stated, and set
+    subject: str = ""  # its person or demonstration, "" if no other recording has the same
     cautions: tuple[str, ...] = ()  # of the recording, and doubts of its units
     slack_s: float = 0.0  # that was added to the points' own tolerances
     phase_hits: int = 0  # of boundaries between phases, where the truth has phases and the method finds them

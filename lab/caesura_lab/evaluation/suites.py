@@ -57,6 +57,10 @@ class Case(Protocol):
     def group(self) -> str:
         """Return the set of the case: results are compared set by set."""
 
+    @property
+    def subject(self) -> str:
+        """Return what intervals resample as one: cases of one person, or of one recording, have the same."""
+
     def load(self) -> tuple[Recording, Truth]:
         """Read or simulate the recording and its truth. Raises TruthError or RecordingError."""
 
@@ -98,6 +102,11 @@ class FileCase:
     def group(self) -> str:
         """Return the file's name up to its trailing number: `kit_panda_0.npz` belongs to `kit_panda`."""
         return re.sub(r"[_-]?\d+$", "", self.path.stem) or self.path.stem
+
+    @property
+    def subject(self) -> str:
+        """Return the name of the file. The annotation may state which files show one demonstration."""
+        return self.name
 
     def load(self) -> tuple[Recording, Truth]:
         """Read recording and truth; the annotation declares what the recording does not state."""
@@ -163,6 +172,11 @@ class SimulatedDemonstration:
         """Return the scenario."""
         return self.scenario
 
+    @property
+    def subject(self) -> str:
+        """Return the person, who is the same in every scenario."""
+        return f"person {self.seed}"
+
     def load(self) -> tuple[Recording, Truth]:
         """Simulate the recording and its truth."""
         # Pinocchio takes a second to load: only for who teaches.
@@ -200,6 +214,11 @@ class ChangedCase(ABC):
     def group(self) -> str:
         """The condition."""
         return self.condition
+
+    @property
+    def subject(self) -> str:
+        """Return that of the unchanged case."""
+        return self.case.subject
 
     def load(self) -> tuple[Recording, Truth]:
         """Load the case and change it."""

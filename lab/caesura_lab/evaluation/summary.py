@@ -1,8 +1,10 @@
 """Summarises the scores of one method as numbers with intervals.
 
 Counts are pooled over recordings, so a long recording weighs more than a short one. Intervals are percentile
-bootstrap over recordings (Efron & Tibshirani 1993, chapter 13): they describe another sample of persons and
-tasks, not of points.
+bootstrap over subjects (Efron & Tibshirani 1993, chapter 13; Davison & Hinkley 1997, section 3.8). A subject
+is a simulated person with all scenarios, or a real demonstration with everything that was made of it: both
+arms, other sensors, other starts. Recordings of one subject are not independent. So intervals describe
+another sample of persons, not of points, and of the same tasks.
 """
 
 from __future__ import annotations
@@ -51,7 +53,7 @@ def summarise(
 
     only: names of measures, None for all.
     """
-    weights = _weights(len(scores), resamples, seed)
+    weights = _weights(list(map(_subject, scores)), resamples, seed)
     return {measure.name: _estimate(*measure.estimates_of(scores, weights)) for measure in _measures(only)}
 
 
@@ -72,7 +74,7 @@ def margins(
         {score.recording: score for score in scores} for scores in (own, others)
     )
     names = sorted(set(own_by_recording) & set(other_by_recording))
-    weights = _weights(len(names), resamples, seed)
+    weights = _weights([_subject(own_by_recording[name]) for name in names], resamples, seed)
     differences = {}
     for measure in _measures(only):
         (a, n), (b, m) = (
@@ -87,10 +89,19 @@ def _measures(only: Collection[str] | None) -> list[Measure]:
     return [measure for measure in MEASURES if only is None or measure.name in only]
 
 
-def _weights(n: int, resamples: int, seed: int) -> Array:
-    """Return counts of each of n recordings, (1 + resamples, n): 1 each, then as drawn with replacement."""
+def _subject(score: Score) -> str:
+    return score.subject or score.recording
+
+
+def _weights(subjects: Sequence[str], resamples: int, seed: int) -> Array:
+    """Return counts of each of n recordings, (1 + resamples, n): 1 each, then those of drawn subjects.
+
+    subjects: (n,) of the recordings; they are drawn with replacement, with all their recordings.
+    """
+    number = {subject: i for i, subject in enumerate(dict.fromkeys(subjects))}
+    n = len(number)
     draws = np.random.default_rng(seed).multinomial(n, np.full(n, 1.0 / n), size=resamples)
-    return np.vstack([np.ones(n), draws])
+    return np.vstack([np.ones(len(subjects)), draws[:, [number[subject] for subject in subjects]]])
 
 
 def _estimate(values: Array, n: int) -> Estimate:

@@ -160,6 +160,16 @@ def test_a_margin_is_taken_recording_by_recording():
     assert precision.high < 0.0
 
 
+def test_intervals_resample_subjects_and_not_their_recordings():
+    good, bad = (score("mine", TRUTH, FoundSegmentation(times)) for times in ((2.0, 4.0, 8.0), (1.0,)))
+    people = [replace(one, subject=f"person {i}") for i, one in enumerate([good, bad] * 4)]
+    repeated = [replace(one, recording=f"{k}: {one.subject}") for one in people for k in range(5)]
+    one_each, five_each = summarise(people)["recall"], summarise(repeated)["recall"]
+    assert five_each == replace(one_each, n=5 * one_each.n)
+    nothing = [replace(one, method="other", hits=0, misses=3) for one in repeated]
+    assert margins(repeated, nothing)["recall"] == five_each
+
+
 def test_without_any_there_is_no_number():
     numbers = summarise([score("mine", TRUTH, FoundSegmentation(()))])
     for name in ("precision", "class", "provisional_median", "load_error"):

@@ -258,6 +258,19 @@ def test_sets_are_by_robot_where_stated_else_by_the_name_before_its_number(exten
     assert [verdict.groups for verdict in verdicts] == [("kit",), ("kit",), ("ur5e", "old")]
 
 
+def test_what_is_made_of_one_person_or_demonstration_is_one_subject(extent: SuiteOptions):
+    people = [SimulatedDemonstration(scenario, 7, "lognormal") for scenario in ("button", "curves")]
+    assert {case.subject for case in people} == {"person 7"}
+    assert SimulatedDemonstration("button", 8, "lognormal").subject == "person 8"
+    for name in ("windows", "starts"):
+        assert {case.subject for case in suite(name, extent)} == {case.name for case in suite("real", extent)}
+    for name, source in (("kit_0", "some/repository: a_1.npz:left"), ("kit_1", "some/repository: a_1.npz")):
+        named = {"file": f"{name}.npz", "sha256": sha256(BUTTON), "source": source}
+        annotate(extent.annotations / f"{name}.ann.json", f"{name}.npz", sha256(BUTTON), recording=named)
+    verdicts = [verdict for case in suite("real", extent) for verdict in judge(case, [QUICK])]
+    assert [one.subject for one in verdicts] == ["some/repository: a_1.npz"] * 2 + ["old_0.npz"]
+
+
 def test_a_robot_of_several_sets_is_shown_as_a_whole_and_set_by_set(extent: SuiteOptions):
     for name in ("kit_0", "kit_1"):
         annotate(extent.annotations / f"{name}.ann.json", f"{name}.npz", sha256(BUTTON), robot="panda")
@@ -303,7 +316,7 @@ def test_slack_finds_what_lies_just_outside_of_the_tolerance():
 
     class Late:
         name = "late"
-        tags, group = (), "one"
+        tags, group, subject = (), "one", "late"
 
         def load(self) -> tuple[Recording, Truth]:
             return BASE, truth_of(truth, "late")

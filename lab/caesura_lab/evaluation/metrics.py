@@ -155,21 +155,27 @@ class TimedEstimate(NamedTuple):
     final: Sequence[bool]
 
 
-def present_since(
-    timed_estimates: Iterable[TimedEstimate], accepted_s: Sequence[float], tolerance_s: float, *, final: bool
-) -> float | None:
-    """Return the time [s] since which a changepoint within tolerance is continuously present.
+def paired_since(
+    timed_estimates: Iterable[TimedEstimate],
+    points_s: ArrayLike,
+    tolerances_s: ArrayLike,
+    optional: ArrayLike,
+    alternatives_s: ArrayLike | None = None,
+    *,
+    final: bool,
+) -> list[float | None]:
+    """Return for each true point the time [s] since which a changepoint is continuously paired with it.
 
-    None if it is not. accepted_s: times [s], near any of which it may be; final: only those that were final
-    count.
+    Every estimate is paired by `match`, with the same arguments, so that a changepoint stands for one point
+    only. None for a point that the last estimate does not find. final: only those that were final count.
     """
-    since: float | None = None
+    since: list[float | None] = [None] * np.asarray(points_s).size
     for estimate in timed_estimates:
-        there = any(
-            min(abs(time - t) for t in accepted_s) <= tolerance_s + ROUNDING_S and (sure or not final)
-            for time, sure in zip(estimate.changepoints, estimate.final, strict=True)
-        )
-        since = (estimate.t if since is None else since) if there else None
+        shown = [t for t, sure in zip(estimate.changepoints, estimate.final, strict=True) if sure or not final]
+        found = set(match(points_s, tolerances_s, optional, shown, alternatives_s).partner.tolist())
+        since = [
+            (estimate.t if begun is None else begun) if i in found else None for i, begun in enumerate(since)
+        ]
     return since
 
 

@@ -23,7 +23,7 @@ from caesura_lab.evaluation.metrics import (
     covering,
     match,
     overlap,
-    present_since,
+    paired_since,
     segments_with_events,
 )
 
@@ -146,7 +146,7 @@ def score(method: str, truth: Truth, found: FoundSegmentation) -> Score:
     """Compare the segmentation of a method with the truth; return its counts and errors."""
     points = _judged_points(truth)
     times = sorted(found.changepoints)
-    matching = _match(points, times)
+    matching = match(**_accepted(points)._asdict(), found_s=times)
     pairs = [(points[i], times[j]) for i, j in _pairs(matching)]
     misses = [points[i] for i in matching.misses]
     alarms = [t for t in (times[i] for i in matching.false_alarms) if _is_counted(t, truth.window)]
@@ -170,7 +170,8 @@ def score(method: str, truth: Truth, found: FoundSegmentation) -> Score:
         stated_points=_stated_points([t for _, t in pairs], alarms, found.probabilities),
     )
     base = _with_phases(base, truth, found.phases)
-    return _with_delays(_with_classes(base, truth, found, parts), pairs, found.timed_estimates)
+    base = _with_classes(base, truth, found, parts)
+    return _with_delays(base, points, _pairs(matching), times, found.timed_estimates)
 
 
 def _with_phases(base: Score, truth: Truth, found: Sequence[float] | None) -> Score:
@@ -203,12 +204,20 @@ def _judged_points(truth: Truth) -> list[TrueChangepoint]:
     ]
 
 
-def _match(points: Sequence[TrueChangepoint], times: Sequence[float]) -> Matching:
-    return match(
+class _Accepted(NamedTuple):
+    """What `match` needs of true points, each (p,)."""
+
+    points_s: list[float]
+    tolerances_s: list[float]
+    optional: list[bool]
+    alternatives_s: list[float]
+
+
+def _accepted(points: Sequence[TrueChangepoint]) -> _Accepted:
+    return _Accepted(
         [p.t for p in points],
         [p.tolerance_s for p in points],
         [p.optional for p in points],
-        times,
         [float("nan") if p.t_alt is None else p.t_alt for p in points],
     )
 
@@ -249,19 +258,20 @@ def _with_classes(
 
 def _with_delays(
     base: Score,
-    pairs: Sequence[tuple[TrueChangepoint, float]],
+    points: Sequence[TrueChangepoint],
+    pairs: Sequence[tuple[int, int]],
+    times: Sequence[float],
     timed_estimates: Sequence[TimedEstimate] | None,
 ) -> Score:
-    """Return the score with the delays [s] until a changepoint near each found point is shown, and final."""
+    """Return the score with the delays [s] until each found point is found for good, and by a final one."""
     if timed_estimates is None:
         return base
+    accepted = _accepted(points)._asdict()
 
     def delays(*, final: bool) -> tuple[float, ...]:
-        since = [
-            (p.nearest_s(t), present_since(timed_estimates, p.accepted_s, p.tolerance_s, final=final))
-            for p, t in pairs
-        ]
-        return tuple(at - t for t, at in since if at is not None)
+        since = paired_since(timed_estimates, **accepted, final=final)
+        found = ((since[i], points[i].nearest_s(times[j])) for i, j in pairs)
+        return tuple(at - t for at, t in found if at is not None)
 
     return replace(base, provisional_s=delays(final=False), final_s=delays(final=True))
 

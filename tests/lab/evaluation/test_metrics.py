@@ -14,7 +14,7 @@ from caesura_lab.evaluation.metrics import (
     covering,
     f1,
     match,
-    present_since,
+    paired_since,
     segments_with_events,
 )
 
@@ -154,8 +154,20 @@ def test_a_changepoint_stands_since_it_was_last_absent():
         TimedEstimate(1.3, (0.5, 1.1), (True, False)),
         TimedEstimate(1.8, (0.5, 0.95), (True, True)),
     ]
-    assert present_since(timed_estimates, (1.0,), 0.15, final=False) == 1.3
-    assert present_since(timed_estimates, (1.0,), 0.15, final=True) == 1.8
-    assert present_since(timed_estimates, (1.0,), 0.05, final=False) == 1.8
-    assert present_since(timed_estimates, (5.0,), 0.15, final=False) is None
-    assert present_since([], (5.0,), 0.15, final=False) is None
+
+    def since(t, tolerance, *, final=False, estimates=timed_estimates):
+        return paired_since(estimates, [t], [tolerance], [False], final=final)
+
+    assert since(1.0, 0.15) == [1.3]
+    assert since(1.0, 0.15, final=True) == [1.8]
+    assert since(1.0, 0.05) == [1.8]
+    assert since(5.0, 0.15) == [None]
+    assert since(5.0, 0.15, estimates=[]) == [None]
+
+
+def test_a_changepoint_is_present_for_one_of_two_points_only():
+    """The changepoint of the first point counted as present for the second, before that had happened."""
+    estimates = [TimedEstimate(1.1, (1.0,), (True,)), TimedEstimate(1.6, (1.0, 1.3), (True, False))]
+    points = [1.0, 1.3], [0.35, 0.35], [False, False]
+    assert paired_since(estimates, *points, final=False) == [1.1, 1.6]
+    assert paired_since(estimates, *points, final=True) == [1.1, None]

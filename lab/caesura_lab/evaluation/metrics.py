@@ -171,7 +171,9 @@ def paired_since(
     """
     since: list[float | None] = [None] * np.asarray(points_s).size
     for estimate in timed_estimates:
-        shown = [t for t, sure in zip(estimate.changepoints, estimate.final, strict=True) if sure or not final]
+        shown = [
+            t for t, sure in zip(estimate.changepoints, estimate.final, strict=True) if sure or not final
+        ]
         found = set(match(points_s, tolerances_s, optional, shown, alternatives_s).partner.tolist())
         since = [
             (estimate.t if begun is None else begun) if i in found else None for i, begun in enumerate(since)

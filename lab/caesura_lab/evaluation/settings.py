@@ -1,6 +1,10 @@
 """Chooses the settings of baselines on the simulated teacher; `chosen_settings` holds the result.
 
     python -m caesura_lab.evaluation.settings --seeds 20 --first-seed 500
+    python -m caesura_lab.evaluation.settings --suite real --data DIR
+
+The second command chooses them on the real recordings, in hindsight: what a baseline reaches at most where
+its settings are fitted to what it is judged on.
 
 Coordinate search: one field after the other takes the value of its grid with the best F1, until a round
 changes nothing. F1 is pooled over all demonstrations, boundaries within 0.2 s and reading uncertainty. Ties
@@ -13,19 +17,20 @@ import argparse
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caesura_lab.annotations import ToleranceOptions, Truth
-from caesura_lab.evaluation import bocpd, third_party_baselines
+from caesura_lab.evaluation import bocpd, chosen_settings, third_party_baselines
 from caesura_lab.evaluation.baselines import boundaries_s
 from caesura_lab.evaluation.chosen_settings import GaussianSettings, KernelSettings, StudentSettings
 from caesura_lab.evaluation.metrics import f1
 from caesura_lab.evaluation.observations import Signals, grid_signals
 from caesura_lab.evaluation.score import FoundSegmentation, score
-from caesura_lab.evaluation.suites import Case, SuiteOptions, suite
+from caesura_lab.evaluation.suites import OPEN, Case, SuiteOptions, suite
 from caesura_lab.evaluation.worker_pool import each
 
 SLACK_S = 0.2
@@ -60,12 +65,13 @@ class SettingsSearch:
 
 @dataclass(frozen=True)
 class ChosenSettings:
-    """Result of a search: settings, their F1, and how many settings were tried."""
+    """Result of a search: settings, their F1, how many settings were tried, and the F1 of those in use."""
 
     name: str
     settings: Any
     f1: float
     tried: int
+    in_use_f1: float
 
 
 SEARCHES = (
@@ -136,7 +142,8 @@ def choose(search: SettingsSearch, demonstrations: Sequence[Demonstration]) -> C
 
     ends = [_descend(replace(search.begin, **restart), search.grid, rate) for restart in search.restarts]
     best = max(ends, key=rate)
-    return ChosenSettings(search.name, best, rate(best), len(tried))
+    in_use = pooled_f1(search.starts, getattr(chosen_settings, search.name), demonstrations)
+    return ChosenSettings(search.name, best, rate(best), len(tried), in_use)
 
 
 def _descend(settings: Any, grid: Mapping[str, Sequence[Any]], rate: Callable[[Any], float]) -> Any:
@@ -159,17 +166,21 @@ def demonstration_of(case: Case) -> Demonstration:
 def lines(choices: Sequence[ChosenSettings]) -> Iterator[str]:
     """Yield the table of `chosen_settings`, one assignment per line."""
     for choice in choices:
-        yield f"{choice.name} = {choice.settings!r}  # F1 {choice.f1:.3f}, the best of {choice.tried}"
+        found = f"F1 {choice.f1:.3f}, the best of {choice.tried}; those in use: {choice.in_use_f1:.3f}"
+        yield f"{choice.name} = {choice.settings!r}  # {found}"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Choose all settings on the teacher and print them."""
+    """Choose all settings on a suite, the teacher where none is named, and print them."""
     parser = argparse.ArgumentParser(prog="python -m caesura_lab.evaluation.settings", description=__doc__)
+    parser.add_argument("--suite", default="teacher", help="as in caesura evaluate (%(default)s)")
+    parser.add_argument("--data", type=Path, default=OPEN, help="directory of real recordings (%(default)s)")
     parser.add_argument("--seeds", type=int, default=SEEDS, help="people a scenario (%(default)s)")
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="the first of them (%(default)s)")
     parser.add_argument("--workers", type=int, default=WORKERS, help="processes (%(default)s)")
     chosen = parser.parse_args(arguments)
-    cases = suite("teacher", SuiteOptions(seeds=chosen.seeds, first_seed=chosen.first_seed))
+    extent = SuiteOptions(seeds=chosen.seeds, first_seed=chosen.first_seed, data=chosen.data)
+    cases = suite(chosen.suite, extent)
     demonstrations = list(each(demonstration_of, cases, workers=chosen.workers))
     demonstrations.sort(key=lambda one: one[1].name)
     work = partial(choose, demonstrations=demonstrations)

@@ -16,8 +16,16 @@ from caesura_lab.evaluation.chosen_settings import KernelSettings, StudentSettin
 from caesura_lab.evaluation.features import log_features, vector_features
 from caesura_lab.evaluation.methods import baselines
 from caesura_lab.evaluation.observations import Signals
-from caesura_lab.evaluation.settings import SEARCHES, SettingsSearch, choose, lines, pooled_f1
-from caesura_lab.evaluation.suites import FileCase, SuiteOptions
+from caesura_lab.evaluation.settings import (
+    FIRST_SEED,
+    SEARCHES,
+    SEEDS,
+    SettingsSearch,
+    choose,
+    lines,
+    pooled_f1,
+)
+from caesura_lab.evaluation.suites import OPEN, FileCase, SuiteOptions
 from caesura_lab.evaluation.third_party_baselines import kernel
 
 BUTTON = Path(__file__).parents[3] / "data" / "button.npz"
@@ -58,7 +66,7 @@ def starts_every(signals: Signals, settings: StudentSettings) -> np.ndarray:
 
 def test_the_best_of_a_grid_is_chosen():
     grid = {"mean_segment_s": (1.0, 2.0, 3.0, 4.0), "least_s": (1.0, 2.0, 3.0)}
-    search = SettingsSearch("X", starts_every, StudentSettings(mean_segment_s=1.0, least_s=1.0), grid)
+    search = SettingsSearch("STUDENT", starts_every, StudentSettings(mean_segment_s=1.0, least_s=1.0), grid)
     choice = choose(search, DEMONSTRATIONS)
     rated = {
         values: pooled_f1(
@@ -156,7 +164,7 @@ def test_the_command_prints_one_line_a_baseline(
     asked = []
 
     def one_recording(name: str, extent: SuiteOptions) -> list[FileCase]:
-        asked.append((name, extent.seeds, extent.first_seed))
+        asked.append((name, extent.seeds, extent.first_seed, extent.data))
         return [FileCase(BUTTON)]
 
     small = [replace(search, grid={}, restarts=({},)) for search in SEARCHES]
@@ -164,5 +172,6 @@ def test_the_command_prints_one_line_a_baseline(
     monkeypatch.setattr(settings, "SEARCHES", small)
     settings.main(["--seeds", "3", "--first-seed", "7", "--workers", "1"])
     printed = capsys.readouterr().out.splitlines()
-    assert asked == [("teacher", 3, 7)]
+    settings.main(["--suite", "real", "--data", "there", "--workers", "1"])
+    assert asked == [("teacher", 3, 7, OPEN), ("real", SEEDS, FIRST_SEED, Path("there"))]
     assert [line.split(" = ")[0] for line in printed] == ["GAUSSIAN", "KERNEL", "STUDENT"]

@@ -79,6 +79,12 @@ def one_segment(signals: Signals) -> NDArray[np.intp]:
     return np.array([], dtype=np.intp)
 
 
+def every_second(signals: Signals) -> NDArray[np.intp]:
+    """Return a start every second, whatever happens: the score that chance has."""
+    step = max(round(1.0 / float(np.median(np.diff(signals.t)))), 1)
+    return np.arange(step, signals.t.size, step, dtype=np.intp)
+
+
 def thresholds(signals: Signals) -> NDArray[np.intp]:
     """Return starts by thresholds on speed and force, with hysteresis; states below 0.3 s are dropped."""
     moving = switched(signals.speed, MOVING_M_PER_S, RESTING_M_PER_S)

@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from caesura_lab.evaluation.baselines import Baseline, one_segment, thresholds, zero_velocity
+from caesura_lab.evaluation.baselines import Baseline, every_second, one_segment, thresholds, zero_velocity
 from caesura_lab.evaluation.bocpd import gaussian_log, student_speed
 from caesura_lab.evaluation.metrics import TimedEstimate
 from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation
@@ -110,5 +110,6 @@ def baselines() -> list[Method]:
         Baseline("BOCPD log", gaussian_log),
         Baseline("BOCPD speed", student_speed),
         Baseline("kernel", third_party_baselines.kernel),
+        Baseline("every second", every_second),
         Baseline("one segment", one_segment),
     ]

@@ -32,6 +32,10 @@ BOUNDARIES = (
     Column("over", "over"),
     Column("under", "under"),
 )
+EXCUSED = (
+    Column("excused", "excused"),
+    Column("strict F1", "strict_f1"),
+)
 CLASSES = (
     Column("class", "class"),
     Column("inside", "class_inside"),
@@ -70,6 +74,7 @@ IN_SETS = (
 SET_MARGINS = (Column("F1 over", "f1"), Column("class over", "class"))
 TABLES = (
     ("boundaries", BOUNDARIES),
+    ("changepoints that optional points excuse; F1 if they count as false alarms", EXCUSED),
     ("classes, load and force", CLASSES),
     ("delays, and intervals of 90 %", DELAYS),
     (f"boundaries between phases, within {PHASE_S:g} s", PHASES),
@@ -265,6 +270,7 @@ def _score(score: Score) -> dict[str, Any]:
         "hits": score.hits,
         "false_alarms": score.false_alarms,
         "misses": score.misses,
+        "excused": score.excused,
         "phase_hits": score.phase_hits,
         "phase_false_alarms": score.phase_false_alarms,
         "phase_misses": score.phase_misses,

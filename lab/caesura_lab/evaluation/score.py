@@ -132,6 +132,7 @@ class Score:
     subject: str = ""  # its person or demonstration, "" if no other recording has the same
     cautions: tuple[str, ...] = ()  # of the recording, and doubts of its units
     slack_s: float = 0.0  # that was added to the points' own tolerances
+    excused: int = 0  # changepoints away from the window's edges that find an optional point
     phase_hits: int = 0  # of boundaries between phases, where the truth has phases and the method finds them
     phase_misses: int = 0
     phase_false_alarms: int = 0
@@ -160,6 +161,7 @@ def score(method: str, truth: Truth, found: FoundSegmentation) -> Score:
         hits=len(pairs),
         false_alarms=len(alarms),
         misses=len(misses),
+        excused=sum(_is_counted(t, truth.window) for t in _excused(matching, times)),
         covering=covering(major_s, counted_s, truth.window),
         cut=segments_with_events(major_s, alarms, truth.window),
         merged=segments_with_events(counted_s, missed_s, truth.window),
@@ -313,6 +315,13 @@ def _pairs(matching: Matching) -> list[tuple[int, int]]:
     """Return each found true point with its changepoint."""
     hits = set(matching.hits.tolist())
     return [(i, j) for j, i in enumerate(matching.partner.tolist()) if i in hits]
+
+
+def _excused(matching: Matching, times: Sequence[float]) -> list[float]:
+    """Return the changepoints [s] that are paired with an optional point."""
+    return [
+        t for t, i in zip(times, matching.partner.tolist(), strict=True) if i >= 0 and matching.optional[i]
+    ]
 
 
 def _stretched_to(parts: Sequence[FoundSegment], window: tuple[float, float]) -> list[FoundSegment]:

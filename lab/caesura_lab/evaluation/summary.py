@@ -153,6 +153,15 @@ def _found_f1(score: Score) -> tuple[float, float]:
     return 2.0 * score.hits, 2.0 * score.hits + score.false_alarms + score.misses
 
 
+def _strict_f1(score: Score) -> tuple[float, float]:
+    found, total = _found_f1(score)
+    return found, total + score.excused
+
+
+def _excused(score: Score) -> tuple[float, float]:
+    return score.excused, score.excused + score.hits + score.false_alarms
+
+
 def _phase_f1(score: Score) -> tuple[float, float]:
     return 2.0 * score.phase_hits, 2.0 * score.phase_hits + score.phase_false_alarms + score.phase_misses
 
@@ -161,6 +170,8 @@ MEASURES = (
     Measure("precision", "", _ratio(lambda s: (s.hits, s.hits + s.false_alarms))),
     Measure("recall", "", _ratio(lambda s: (s.hits, s.hits + s.misses))),
     Measure("f1", "", _ratio(_found_f1)),
+    Measure("excused", "", _ratio(_excused), higher_is_better=False),
+    Measure("strict_f1", "", _ratio(_strict_f1)),
     Measure("covering", "", _ratio(lambda s: (s.covering, 1.0))),
     Measure("over", "", _ratio(lambda s: s.cut), higher_is_better=False),
     Measure("under", "", _ratio(lambda s: s.merged), higher_is_better=False),

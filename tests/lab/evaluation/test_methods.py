@@ -14,7 +14,8 @@ from caesura_protocol.recording import Recording
 RATE_HZ = 200.0
 ALL = [PresetMethod("default"), *baselines()]
 WITHOUT_FORCE = ("zero velocity", "BOCPD speed")
-FINDING = [method for method in ALL if method.name != "one segment"]
+FLOORS = ("one segment", "every second")  # which do not look at the signals
+FINDING = [method for method in ALL if method.name not in FLOORS]
 
 
 def recording(*, moves: bool = False, presses: bool = False, source: str = "flange_sensor") -> Recording:
@@ -29,11 +30,17 @@ def recording(*, moves: bool = False, presses: bool = False, source: str = "flan
     return Recording(t, {"pos": position, "force": force}, wrench_source=source)
 
 
-@pytest.mark.parametrize("method", ALL, ids=lambda method: method.name)
+@pytest.mark.parametrize("method", FINDING, ids=lambda method: method.name)
 def test_where_nothing_happens_nothing_is_found(method):
     found = method.segment(recording())
     assert found.changepoints == ()
     assert [part.kind for part in found.parts] == ["steady"]
+
+
+def test_the_floors_look_at_nothing():
+    every_second, one_segment = (method.segment(recording(moves=True)) for method in ALL[-2:])
+    assert np.diff(every_second.changepoints) == pytest.approx([1.0] * 8)
+    assert one_segment.changepoints == ()
 
 
 @pytest.mark.parametrize("method", FINDING, ids=lambda method: method.name)

@@ -160,6 +160,17 @@ def test_a_margin_is_taken_recording_by_recording():
     assert precision.high < 0.0
 
 
+def test_what_an_optional_point_excuses_is_counted_and_a_false_alarm_of_the_strict_f1():
+    alone, excused, edge = (
+        score("mine", TRUTH, FoundSegmentation(times))
+        for times in ((2.0, 4.0, 8.0), (2.0, 4.0, 5.0, 8.0), (0.1, 2.0, 4.0, 8.0))
+    )
+    assert [one.excused for one in (alone, excused, edge)] == [0, 1, 0]
+    numbers = summarise([excused])
+    assert (numbers["f1"].value, numbers["precision"].value, numbers["recall"].value) == (1.0, 1.0, 1.0)
+    assert (numbers["excused"].value, numbers["strict_f1"].value) == (0.25, pytest.approx(6 / 7))
+
+
 def test_intervals_resample_subjects_and_not_their_recordings():
     good, bad = (score("mine", TRUTH, FoundSegmentation(times)) for times in ((2.0, 4.0, 8.0), (1.0,)))
     people = [replace(one, subject=f"person {i}") for i, one in enumerate([good, bad] * 4)]

@@ -117,7 +117,10 @@ def detect(rows: Array, prior: NormalInverseWishart, mean_segment: float, least:
 
     mean_segment: in observations, more than `least`; least: observations of every segment but the last. A
     segment goes on for certain up to `least`, then ends at every observation with the same probability.
+    Raises ValueError where no such probability gives that mean.
     """
+    if not mean_segment > least:
+        raise ValueError(f"mean segment is {mean_segment:g} observations, expected more than {least}")
     n = len(rows)
     evidence = SegmentEvidence(rows, prior)
     hazard = 1.0 / (mean_segment - least + 1)

@@ -82,3 +82,10 @@ def test_what_comes_later_changes_no_evidence_of_what_came_before():
     rows = np.random.default_rng(3).normal(0.0, 1.0, (30, 2))
     early, late = SegmentEvidence(rows[:12], TWO), SegmentEvidence(rows, TWO)
     assert early.ending_at(11) == pytest.approx(late.ending_at(11), abs=1e-9)
+
+
+@pytest.mark.parametrize("least", [2, 3])
+def test_a_mean_that_no_hazard_gives_is_refused(least: int):
+    """A mean of 2 with segments of 3 and more had a hazard above 1, and a posterior of nan."""
+    with pytest.raises(ValueError, match=f"mean segment is 2 observations, expected more than {least}"):
+        detect(np.zeros((9, 1)), ONE, 2.0, least)

@@ -181,6 +181,21 @@ def paired_since(
     return since
 
 
+def withdrawn(timed_estimates: Iterable[TimedEstimate], follow_s: float) -> tuple[list[float], list[float]]:
+    """Return the last times [s] of shown changepoints that vanished again, and of those that stayed.
+
+    A changepoint goes on as the one of the next estimate that `match` pairs with it within follow_s [s].
+    """
+    gone: list[float] = []
+    stayed: list[float] = []
+    for estimate in timed_estimates:
+        shown, tolerances = list(estimate.changepoints), [follow_s] * len(stayed)
+        followed = set(match(stayed, tolerances, [False] * len(stayed), shown).partner.tolist())
+        gone += [t for i, t in enumerate(stayed) if i not in followed]
+        stayed = shown
+    return gone, stayed
+
+
 def _stretches(boundaries_s: ArrayLike, window: tuple[float, float]) -> Array:
     """Return start and end of each interval between boundaries, (k, 2) [s]."""
     times = np.unique(np.asarray(boundaries_s, dtype=float))

@@ -49,6 +49,7 @@ DELAYS = (
     Column("shown p90", "provisional_p90"),
     Column("final [s]", "final_median"),
     Column("final p90", "final_p90"),
+    Column("withdrawn", "withdrawn"),
     Column("90 % [s]", "interval_median"),
     Column("right", "interval_right"),
 )
@@ -280,6 +281,7 @@ def _score(score: Score) -> dict[str, Any]:
         "force_errors_n": score.force_errors_n,
         "provisional_s": score.provisional_s,
         "final_s": score.final_s,
+        "withdrawn": score.withdrawn,
         "intervals": score.intervals,
     }
 

@@ -25,11 +25,13 @@ from caesura_lab.evaluation.metrics import (
     overlap,
     paired_since,
     segments_with_events,
+    withdrawn,
 )
 
 Vector = tuple[float, float, float]
 
 EDGE_S = 0.3  # the annotators' shortest rest
+FOLLOW_S = 0.3  # by which a shown changepoint may move at once and be the same
 PHASE_S = 0.5  # how far a boundary between phases may be off
 NEAR_S = 1.0  # a changepoint further off has nothing to do with a miss
 CARRIED = ("transport", "hold")
@@ -123,6 +125,7 @@ class Score:
     forces: int = 0
     provisional_s: tuple[float, ...] = ()
     final_s: tuple[float, ...] = ()
+    withdrawn: tuple[int, int] = (0, 0)  # shown changepoints that vanished again, and all that were shown
     intervals: tuple[tuple[float, bool], ...] = ()  # of a hit: length [s], and whether the truth is in it
     missed: tuple[Miss, ...] = ()
     found: tuple[Hit, ...] = ()
@@ -173,7 +176,7 @@ def score(method: str, truth: Truth, found: FoundSegmentation) -> Score:
     )
     base = _with_phases(base, truth, found.phases)
     base = _with_classes(base, truth, found, parts)
-    return _with_delays(base, points, _pairs(matching), times, found.timed_estimates)
+    return _with_delays(base, points, _pairs(matching), times, found.timed_estimates, truth.window)
 
 
 def _with_phases(base: Score, truth: Truth, found: Sequence[float] | None) -> Score:
@@ -264,8 +267,12 @@ def _with_delays(
     pairs: Sequence[tuple[int, int]],
     times: Sequence[float],
     timed_estimates: Sequence[TimedEstimate] | None,
+    window: tuple[float, float],
 ) -> Score:
-    """Return the score with the delays [s] until each found point is found for good, and by a final one."""
+    """Return the score with the delays [s] until each found point is found for good, and by a final one.
+
+    It also has the number of shown changepoints that vanished again.
+    """
     if timed_estimates is None:
         return base
     accepted = _accepted(points)._asdict()
@@ -275,7 +282,15 @@ def _with_delays(
         found = ((since[i], points[i].nearest_s(times[j])) for i, j in pairs)
         return tuple(at - t for at, t in found if at is not None)
 
-    return replace(base, provisional_s=delays(final=False), final_s=delays(final=True))
+    gone, stayed = (
+        sum(_is_counted(t, window) for t in some) for some in withdrawn(timed_estimates, FOLLOW_S)
+    )
+    return replace(
+        base,
+        provisional_s=delays(final=False),
+        final_s=delays(final=True),
+        withdrawn=(gone, gone + stayed),
+    )
 
 
 def _intervals(

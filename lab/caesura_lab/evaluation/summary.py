@@ -181,6 +181,7 @@ MEASURES = (
     Measure("provisional_p90", "s", _quantile(lambda s: s.provisional_s, 0.9), higher_is_better=False),
     Measure("final_median", "s", _quantile(lambda s: s.final_s, 0.5), higher_is_better=False),
     Measure("final_p90", "s", _quantile(lambda s: s.final_s, 0.9), higher_is_better=False),
+    Measure("withdrawn", "", _ratio(lambda s: s.withdrawn), higher_is_better=False),
     Measure(
         "interval_right", "", _ratio(lambda s: (sum(right for _, right in s.intervals), len(s.intervals)))
     ),

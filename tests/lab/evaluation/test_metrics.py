@@ -16,6 +16,7 @@ from caesura_lab.evaluation.metrics import (
     match,
     paired_since,
     segments_with_events,
+    withdrawn,
 )
 
 WINDOW = (0.0, 10.0)
@@ -171,3 +172,19 @@ def test_a_changepoint_is_present_for_one_of_two_points_only():
     points = [1.0, 1.3], [0.35, 0.35], [False, False]
     assert paired_since(estimates, *points, final=False) == [1.1, 1.6]
     assert paired_since(estimates, *points, final=True) == [1.1, None]
+
+
+def test_a_shown_changepoint_is_withdrawn_unless_one_close_by_takes_its_place():
+    shown = [(), (1.0,), (1.25, 2.0), (1.25,), (1.6, 3.0), (3.0,)]
+    estimates = [TimedEstimate(i, times, (False,) * len(times)) for i, times in enumerate(shown)]
+    assert withdrawn(estimates, 0.3) == ([2.0, 1.25, 1.6], [3.0])
+    assert withdrawn([], 0.3) == ([], [])
+
+
+@given(st.lists(st.lists(st.floats(0, 10), max_size=6, unique=True).map(sorted), max_size=6))
+def test_what_is_shown_to_the_end_is_not_withdrawn(shown):
+    estimates = [TimedEstimate(i, tuple(times), (False,) * len(times)) for i, times in enumerate(shown)]
+    gone, stayed = withdrawn(estimates, 0.3)
+    assert stayed == (shown[-1] if shown else [])
+    assert len(gone) + len(stayed) <= sum(map(len, shown))
+    assert withdrawn([*estimates, *estimates[-1:]], 0.3) == (gone, stayed)

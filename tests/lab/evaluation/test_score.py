@@ -131,6 +131,7 @@ def test_delays_are_from_the_truth_to_when_it_was_said_for_good():
     one = score("mine", TRUTH, FoundSegmentation((2.05,), None, timed_estimates))
     assert one.provisional_s == pytest.approx([0.3])
     assert one.final_s == pytest.approx([1.0])
+    assert one.withdrawn == (0, 1)
     assert not one.confusion
 
 

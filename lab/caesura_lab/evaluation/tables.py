@@ -77,12 +77,34 @@ def _pooled(section: SlackSection, layout: str) -> Iterator[Grid]:
         if judged:
             rows = tuple((one.method, *_cells(one.estimates, columns, layout)) for one in judged)
             yield Grid(f"{title}; {slack}", ("method", *(c.heading for c in columns)), rows)
+    yield from _by_kind(section, slack)
     compared = [one for one in section.methods if one.behind]
     if compared:
         rows = tuple((one.method, *_cells(one.behind, MARGINS, layout)) for one in compared)
         headings = ("over", *(c.heading for c in MARGINS))
         title = f"by how much {section.methods[0].method} is ahead, recording by recording; {slack}"
         yield Grid(title, headings, rows)
+
+
+def _by_kind(section: SlackSection, slack: str) -> Iterator[Grid]:
+    """Yield the share of true points that each method finds, for every kind of point."""
+    kinds = [kind for kind, _ in _points(section.methods[0]).most_common()]
+    if not kinds:
+        return
+    rows = []
+    for one in section.methods:
+        found = Counter(hit.kind for score in one.scores for hit in score.found)
+        shares = (f"{found[kind] / n:.2f}" if (n := _points(one)[kind]) else "–" for kind in kinds)
+        rows.append((one.method, *shares))
+    numbers = _points(section.methods[0])
+    headings = ("method", *(f"{kind or 'unnamed'} ({numbers[kind]})" for kind in kinds))
+    yield Grid(f"share of points that are found, by kind (and number); {slack}", headings, tuple(rows))
+
+
+def _points(judged: MethodReport) -> Counter[str]:
+    """Return the number of counted true points of each kind."""
+    found = Counter(hit.kind for score in judged.scores for hit in score.found)
+    return found + Counter(miss.kind for score in judged.scores for miss in score.missed)
 
 
 def _sets(section: SlackSection, layout: str) -> Iterator[Grid]:

@@ -17,8 +17,10 @@ from caesura_lab.annotations import (
 )
 from caesura_lab.evaluation.error_analysis import error_summary
 from caesura_lab.evaluation.metrics import TimedEstimate
+from caesura_lab.evaluation.report import report
 from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation, score
 from caesura_lab.evaluation.summary import margins, summarise
+from caesura_lab.evaluation.tables import as_markdown
 
 TRUTH = Truth(
     name="one",
@@ -170,6 +172,17 @@ def test_what_an_optional_point_excuses_is_counted_and_a_false_alarm_of_the_stri
     numbers = summarise([excused])
     assert (numbers["f1"].value, numbers["precision"].value, numbers["recall"].value) == (1.0, 1.0, 1.0)
     assert (numbers["excused"].value, numbers["strict_f1"].value) == (0.25, pytest.approx(6 / 7))
+
+
+def test_the_share_that_is_found_is_shown_by_kind():
+    few, all_three = (
+        score(name, TRUTH, FoundSegmentation(times, PARTS))
+        for name, times in (("few", (2.0,)), ("all", (2.0, 4.0, 8.0)))
+    )
+    page = as_markdown(report("one", ["few", "all"], [few, all_three]))
+    kinds = page.split("share of points that are found, by kind (and number); no slack\n\n")[1].splitlines()
+    assert kinds[0] == "| method | start (1) | contact_on (1) | stop (1) |"
+    assert kinds[2:4] == ["| few | 1.00 | 0.00 | 0.00 |", "| all | 1.00 | 1.00 | 1.00 |"]
 
 
 def test_intervals_resample_subjects_and_not_their_recordings():

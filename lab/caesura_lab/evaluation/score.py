@@ -210,7 +210,7 @@ def _judged_points(truth: Truth) -> list[TrueChangepoint]:
 
 
 class _Accepted(NamedTuple):
-    """What `match` needs of true points, each (p,)."""
+    """The arguments of `match` that describe true points, each (p,)."""
 
     points_s: list[float]
     tolerances_s: list[float]

@@ -66,7 +66,8 @@ def gaussian_online(signals: Signals) -> NDArray[np.intp]:
     """Bayesian online changepoint detection on velocity and force with unknown mean and covariance.
 
     Adams & MacKay 2007 with the normal-inverse-Wishart prior of Murphy 2007, section 9: weakest degrees of
-    freedom that have a mean, which is the floor's variance; changepoints of the most probable path.
+    freedom that have a mean, which is the floor's variance. Changepoints as the library decides them: the
+    most probable run length at the end, then that at the observation before it, and so on.
     """
     channels = _scaled(signals, signals.velocity_base / SPEED_M_PER_S)
     width = channels.shape[1]

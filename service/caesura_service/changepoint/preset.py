@@ -43,7 +43,8 @@ class Preset:
     best segmentation does.
 
     `unrepeated` lists groups of kinds of which no two segments follow each other. `power` of the joint
-    probability calibrates the stated probabilities; it does not change the best segmentation.
+    probability calibrates the stated probabilities. It does not change the best segmentation, but which
+    changepoints are taken for certain.
 
     `turn_share` makes a movement a turning if the rotation explains its path: the centre may move by this
     share of the squared path of a point at a hand's breadth from the axis. With 0 the kinds' evidence

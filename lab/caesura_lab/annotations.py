@@ -129,10 +129,13 @@ class Truth:
     screws: tuple[ScrewStroke, ...] = ()
 
     def within(self, low: float, high: float) -> Truth:
-        """Return the truth between two times [s]; segments across one of them are cut there."""
+        """Return the truth between two times [s]; segments across one of them are cut there.
+
+        A point with two accepted times stays if one of them lies between.
+        """
         return self._changed(
             (max(low, self.window[0]), min(high, self.window[1])),
-            tuple(point for point in self.points if low <= point.t <= high),
+            tuple(point for point in self.points if any(low <= t <= high for t in point.accepted_s)),
             lambda t0, t1: (max(t0, low), min(t1, high)) if t0 < high and t1 > low else None,
         )
 

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caesura_lab.annotations import TrueSegment, read_truth
+from caesura_lab.annotations import TrueChangepoint, TrueSegment, read_truth
 from caesura_lab.evaluation.cut_recordings import WINDOWS, in_window
+from caesura_lab.evaluation.score import FoundSegmentation, score
 from caesura_lab.evaluation.suites import FileCase, WindowCase
 from caesura_protocol.formats.read import load_recording
 
@@ -29,6 +30,16 @@ def test_samples_and_truth_of_a_window_are_those_within_it(window: str) -> None:
     np.testing.assert_array_equal(part.signals["force"], BASE.signals["force"][inside])
     assert found.points == tuple(one for one in TRUTH.points if low <= one.t <= high)
     assert found.window == (max(low, TRUTH.window[0]), min(high, TRUTH.window[1]))
+
+
+def test_a_release_across_the_edge_of_a_window_is_no_false_alarm() -> None:
+    """It began inside of the window and ended outside, was left out, and a changepoint at it was wrong."""
+    half = BEGUN + 0.5 * LASTS
+    release = TrueChangepoint(half - 0.2, 0.15, kind="contact_off", t_alt=half + 0.6)
+    part = in_window(BASE, replace(TRUTH, points=(release,)), "from the half on")[1]
+    assert part.points == (release,)
+    one = score("mine", part, FoundSegmentation((half + 0.65,)))
+    assert (one.hits, one.false_alarms, one.misses, one.excused) == (0, 0, 0, 1)
 
 
 def test_a_stretch_across_the_edge_of_a_window_ends_there() -> None:

@@ -3,9 +3,9 @@
     caesura evaluate --suite realism --data DIR
 
 It is a logistic regression on measures of the speed, the path, the fit by smooth models and the force. It is
-cross-validated by recording: all windows of a recording are on one side. It runs once for ideal people and
-once for people with habits. An area under the ROC curve (AUC) of 0.5 is chance. For comparison the same
-classifier separates each real set from the other real sets.
+cross-validated by subject: all windows of a simulated person, or of a real recording, are on one side. It
+runs once for ideal people and once for people with habits. An area under the ROC curve (AUC) of 0.5 is
+chance. For comparison the same classifier separates each real set from the other real sets.
 
 Everything is compared at 100 Hz, behind a Gaussian of 50 ms: noise of single samples belongs to a sensor.
 Windows count where at least half of the time is motion: how long a pause is, the task decides.
@@ -84,12 +84,19 @@ class WindowMeasures:
     """Measures of all windows of one recording.
 
     set_name: where it comes from; values: (n, measures); guided: free motion with the hand in the wrench.
+    person: whose recordings are never on both sides, "" for a recording that stands for itself.
     """
 
     set_name: str
     recording: str
     values: Array
     guided: bool = False
+    person: str = ""
+
+    @property
+    def subject(self) -> str:
+        """Return the person, or the recording where nothing else has the same."""
+        return self.person or self.recording
 
 
 @dataclass(frozen=True)
@@ -129,7 +136,7 @@ class SimulatedCase:
         values = measures(recording.t, signals["pos"], signals["force"])
         set_name, name = NATURAL if self.natural else IDEAL, f"{self.scenario}-{self.seed}"
         guided = source != "flange_sensor" and not BASIC[self.scenario].surfaces
-        return WindowMeasures(set_name, name, values, guided=guided)
+        return WindowMeasures(set_name, name, values, guided=guided, person=f"person {self.seed}")
 
 
 Case = RealCase | SimulatedCase
@@ -137,7 +144,7 @@ Case = RealCase | SimulatedCase
 
 @dataclass(frozen=True)
 class SetSeparation:
-    """The separation of windows: AUC with its 95 % interval over recordings, and the accuracy."""
+    """The separation of windows: AUC with its 95 % interval over subjects, and the accuracy."""
 
     auc: float
     low: float
@@ -311,22 +318,25 @@ def separation(
 ) -> SetSeparation:
     """Separate the recordings of a set from the others by a regression that was not trained on them."""
     positive = np.array([w.set_name == set_name for w in windows])
+    subjects = _numbered([w.subject for w in windows], positive)
     scores: list[Array] = [np.zeros(0)] * len(windows)
     for fold in range(FOLDS):
-        held = _in_fold(positive, fold)
+        held = subjects % FOLDS == fold
         model = fit([w.values[:, columns] for w in _where(windows, ~held)], positive[~held])
         for index in np.flatnonzero(held).tolist():
             scores[index] = model(windows[index].values[:, columns])
     auc = _auc(scores, positive)
-    low, high = _interval(scores, positive)
+    low, high = _interval(scores, positive, subjects)
     return SetSeparation(auc, low, high, _accuracy(scores, positive))
 
 
-def _in_fold(positive: Labels, fold: int) -> Labels:
-    """Return which recordings (n,) a fold holds back: every fifth of either class."""
-    number = np.where(positive, np.cumsum(positive), np.cumsum(~positive))
-    held: Labels = number % FOLDS == fold
-    return held
+def _numbered(subjects: Sequence[str], positive: Labels) -> NDArray[np.intp]:
+    """Return the number (n,) of each recording's subject within its class, in the order of recordings."""
+    keys = list(zip(positive.tolist(), subjects, strict=True))
+    numbers: dict[tuple[bool, str], int] = {}
+    for key in dict.fromkeys(keys):
+        numbers[key] = sum(other[0] == key[0] for other in numbers)
+    return np.array([numbers[key] for key in keys], dtype=np.intp)
 
 
 def _where(windows: Sequence[WindowMeasures], mask: Labels) -> list[WindowMeasures]:
@@ -379,13 +389,14 @@ def _accuracy(scores: Sequence[Array], positive: Labels) -> float:
     return float(0.5 * (right[labels].mean() + right[~labels].mean()))
 
 
-def _interval(scores: Sequence[Array], positive: Labels) -> tuple[float, float]:
-    """Return the 95 % interval of the AUC over recordings drawn with replacement, within either class."""
+def _interval(scores: Sequence[Array], positive: Labels, subjects: NDArray[np.intp]) -> tuple[float, float]:
+    """Return the 95 % interval of the AUC over subjects drawn with replacement, within either class."""
     rng = np.random.default_rng(0)
-    ones, zeros = np.flatnonzero(positive), np.flatnonzero(~positive)
+    of_class = [np.flatnonzero(positive == label) for label in (True, False)]
+    every = [[rows[subjects[rows] == one] for one in np.unique(subjects[rows])] for rows in of_class]
     found = []
     for _ in range(RESAMPLES):
-        drawn = np.concatenate([rng.choice(ones, ones.size), rng.choice(zeros, zeros.size)])
+        drawn = np.concatenate([of[i] for of in every for i in rng.integers(len(of), size=len(of))])
         found.append(_auc([scores[i] for i in drawn], positive[drawn]))
     low, high = np.quantile(found, [0.025, 0.975])
     return float(low), float(high)
@@ -395,7 +406,7 @@ def title(seeds: Sequence[int]) -> str:
     """Return the title: the compared sets."""
     return (
         f"realism: windows of {WINDOW_S:g} s, people {seeds[0]} to {seeds[-1]} beside real recordings; "
-        f"AUC 0.5 is chance; 95 % intervals over recordings"
+        f"AUC 0.5 is chance; 95 % intervals over people, and real recordings"
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +58,22 @@ def test_windows_of_a_recording_never_stand_on_both_sides() -> None:
     # Each recording differs from all others, and no set from the other: by window, this would be 1.0.
     found = separation([*windows("a", 20, 1, own=5.0), *windows("b", 20, 2, own=5.0)], "a", range(3))
     assert found.auc < 0.75
+
+
+def test_recordings_of_a_person_never_stand_on_both_sides() -> None:
+    """Every person has a way of their own in all recordings: by recording, they were told apart by that."""
+    rng = np.random.default_rng(0)
+    people = [
+        WindowMeasures(name, f"{name}-{person}-{i}", own + rng.normal(size=(8, K)), person=f"{name}-{person}")
+        for name in ("a", "b")
+        for person in range(8)
+        for own in [5.0 * rng.normal(size=K)]
+        for i in range(6)
+    ]
+    found = separation(people, "a", range(3))
+    by_recording = separation([replace(one, person="") for one in people], "a", range(3))
+    assert found.low < 0.5 < found.high
+    assert by_recording.low > 0.9
 
 
 def test_a_difference_of_spread_is_seen_too() -> None:

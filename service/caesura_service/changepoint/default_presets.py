@@ -147,9 +147,9 @@ def stroke() -> ProfileModel:
     )
 
 
-# A load and a wandering bias look alike. Without a gripper's state a load has 0.03 of the prior weight of the
-# same segment in free space: an invented load is worse than one that is shown as a movement. A gripper's state errs one time in a hundred:
-# 99 of 100 segments in which it holds something are loads.
+# A load and a wandering bias look alike. Without a gripper's state a load has 0.03 of the prior weight of
+# the same segment in free space: an invented load is worse than one that is shown as a movement. A gripper's
+# state errs one time in a hundred: 99 of 100 segments in which it holds something are loads.
 _LADEN_WEIGHT = 0.03
 
 

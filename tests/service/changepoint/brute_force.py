@@ -14,14 +14,17 @@ from caesura_service.changepoint.segment_model_set import SegmentModelSet
 
 
 def demonstration(seed: int, n: int = 12) -> list[ModelInput]:
-    """A rest, a move and a press, noisy and short."""
+    """A rest, a move and a press in which the tool turns, noisy and short."""
     rng = np.random.default_rng(seed)
     moving = np.clip(np.arange(n) - n // 3, 0, n // 3) / (n // 3)
     pressing = np.clip(np.arange(n) - 2 * n // 3, 0, 2) / 2
     position = moving[:, None] * [0.05, -0.1, 0.02] + rng.normal(0, 1e-3, (n, 3))
     force = pressing[:, None] * [0.5, 0.0, 9.0] + rng.normal(0, 0.3, (n, 3))
     holding = rng.choice([0.0, 1.0, np.nan], n)
-    return [ModelInput(*row) for row in zip(position, force, holding, strict=True)]
+    rotation = pressing[:, None] * [0.1, 0.0, 0.8] + rng.normal(0, 0.01, (n, 3))
+    torsion = pressing[:, None] * [0.0, 0.0, -0.5] + rng.normal(0, 0.05, (n, 3))
+    rows = zip(position, force, holding, rotation, torsion, strict=True)
+    return [ModelInput(*row) for row in rows]
 
 
 Kinds = dict[tuple[int, int], np.ndarray]

@@ -26,7 +26,10 @@ from service.streams import pieces
 
 EXACT = FilterParameters(prune_ratio=0.0, keep_youngest=0, cap=1000, window=64, certain=1.0)
 HAZARD = Refractory(8.0, 3)
-LATTICES = [pytest.param(preset.lattice(), id=name) for name, preset in PRESETS.items()]
+LATTICES = [
+    *(pytest.param(preset.lattice(), id=name) for name, preset in PRESETS.items()),
+    pytest.param(PRESETS["default"].lattice(orientation=True, torque=True), id="default with turns"),
+]
 
 
 def check_against(brute: BruteForce, online: RunLengthFilter | CompiledRunLengthFilter) -> None:

@@ -65,7 +65,12 @@ SCREWS = (
     Column("pitch p90", "pitch_p90", 3),
     Column("found", "screws_found"),
 )
-MARGINS = (Column("F1", "f1"), Column("covering", "covering"), Column("class", "class"))
+MARGINS = (
+    Column("F1", "f1"),
+    Column("strict F1", "strict_f1"),
+    Column("covering", "covering"),
+    Column("class", "class"),
+)
 IN_SETS = (
     Column("precision", "precision"),
     Column("recall", "recall"),

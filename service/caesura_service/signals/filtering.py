@@ -1,4 +1,4 @@
-"""Causal Savitzky–Golay filter: a polynomial fitted to the last rows, evaluated at their centre.
+"""Savitzky–Golay filter with a delay: a polynomial fitted to the last rows, evaluated at their centre.
 
 Evaluation at the centre keeps the phase linear and causes a delay of half a window, which is stated. Each
 filtered row has the time that it describes, so boundaries are late but not shifted. Taps are summed in a

@@ -132,7 +132,7 @@ def pooled_f1(starts: Starts, settings: Any, demonstrations: Sequence[Demonstrat
 
 
 def choose(search: SettingsSearch, demonstrations: Sequence[Demonstration]) -> ChosenSettings:
-    """Return the best settings of a baseline by coordinate search."""
+    """Return the best settings of a baseline by coordinate search, also from those in use."""
     tried: dict[Any, float] = {}
 
     def rate(settings: Any) -> float:
@@ -140,10 +140,10 @@ def choose(search: SettingsSearch, demonstrations: Sequence[Demonstration]) -> C
             tried[settings] = pooled_f1(search.starts, settings, demonstrations)
         return tried[settings]
 
-    ends = [_descend(replace(search.begin, **restart), search.grid, rate) for restart in search.restarts]
-    best = max(ends, key=rate)
-    in_use = pooled_f1(search.starts, getattr(chosen_settings, search.name), demonstrations)
-    return ChosenSettings(search.name, best, rate(best), len(tried), in_use)
+    in_use = getattr(chosen_settings, search.name)
+    begins = [*(replace(search.begin, **restart) for restart in search.restarts), in_use]
+    best = max((_descend(begin, search.grid, rate) for begin in begins), key=rate)
+    return ChosenSettings(search.name, best, rate(best), len(tried), rate(in_use))
 
 
 def _descend(settings: Any, grid: Mapping[str, Sequence[Any]], rate: Callable[[Any], float]) -> Any:

@@ -47,7 +47,7 @@ class AppPath(Message):
     """
 
     start: ViaPoint  # where the demonstration was; the robot may begin elsewhere
-    via: Annotated[tuple[ViaPoint, ...], Field(max_length=MAX_VIA_POINTS)] = ()
+    via: Annotated[Listed[ViaPoint], Field(max_length=MAX_VIA_POINTS)] = ()
     tn: Seconds  # [s] at the target
     end_velocity: Vector | None = None  # [m/s] there, on into the next app; None: it rests
     end_angular_velocity: Vector | None = None  # [rad/s] likewise

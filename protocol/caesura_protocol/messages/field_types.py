@@ -96,6 +96,6 @@ Vector = tuple[float, float, float]
 FiniteVector = tuple[Finite, Finite, Finite]
 Up = Annotated[FiniteVector, AfterValidator(checked_up)]  # away from gravity, base frame, length 1
 Quaternion = tuple[float, float, float, float]
-Joints = Annotated[tuple[float, ...], Field(min_length=1, max_length=JOINTS_MOST)]  # base to flange
+Joints = Annotated[Listed[float], Field(min_length=1, max_length=JOINTS_MOST)]  # base to flange
 Scalar = bool | int | float | str | None
 Shown = Scalar | Listed[Scalar]  # of a value that was refused

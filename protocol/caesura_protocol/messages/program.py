@@ -31,12 +31,12 @@ class Program(Message):
     revision: Count = 0  # how many edits the session has had; undo and redo count
     author: str | None = None  # of the last edit
     edited: float | None = None  # [s] time of day (UTC) of the last edit
-    gaps: Annotated[tuple[Gap, ...], Field(max_length=MAX_GAPS)] = ()  # the newest ones
+    gaps: Annotated[Listed[Gap], Field(max_length=MAX_GAPS)] = ()  # the newest ones
     wrench: WrenchReport | None = None  # what the force in it is worth
     force_limit_n: ForceLimit | None = None  # of the cell: no app exerts more; None: as it was taught
     robot: Name | None = None  # on which it was taught; None: not stated
     up: Up | None = None  # away from gravity, base frame, as it was taught; None: not stated
     name: TaskName | None = None  # that a person gave it
     edit_revision: Count = 0  # how many `EditProgram` it has had; undo and redo count
-    edits: Annotated[tuple[ProgramEdit, ...], Field(max_length=MAX_PROGRAM_EDITS)] = ()  # oldest first
-    corrections: Annotated[tuple[Correction, ...], Field(max_length=MAX_CORRECTIONS)] = ()  # oldest first
+    edits: Annotated[Listed[ProgramEdit], Field(max_length=MAX_PROGRAM_EDITS)] = ()  # oldest first
+    corrections: Annotated[Listed[Correction], Field(max_length=MAX_CORRECTIONS)] = ()  # oldest first

@@ -165,4 +165,4 @@ class Hints(Result):
     Each message is complete, so only the newest counts. No hint is active once the session is closed.
     """
 
-    hints: Annotated[tuple[Hint, ...], Field(max_length=MAX_HINTS, fail_fast=True)]
+    hints: Annotated[Listed[Hint], Field(max_length=MAX_HINTS)]

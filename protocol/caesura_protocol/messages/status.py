@@ -137,5 +137,5 @@ class ServiceStatus(Message):
     overloaded: bool = False  # more than it can do arrives; said before anything is dropped
     time: Seconds | None = None  # [s] of day (UTC) there, at publishing; None from an older instance
     # Of the stations that come nearest to a limit, or that were refused something, fullest first.
-    budgets: Annotated[tuple[StationBudgets, ...], Field(max_length=MAX_BUDGETS, fail_fast=True)] = ()
+    budgets: Annotated[Listed[StationBudgets], Field(max_length=MAX_BUDGETS)] = ()
     queries: Budget | None = None  # that name no station, of any reader; None from an older instance

@@ -232,8 +232,8 @@ def last_opened_in(database: sqlite3.Connection, station: str) -> float | None:
 
     None without one.
     """
-    (opened,) = database.execute(SELECT_LAST_OPENED, (station,)).fetchone()
-    return None if opened is None else float(opened)
+    row = database.execute(SELECT_LAST_OPENED, (station,)).fetchone()
+    return None if row is None else float(row[0])
 
 
 def stations_in(database: sqlite3.Connection) -> list[str]:

@@ -91,6 +91,9 @@ CREATE INDEX IF NOT EXISTS descriptions_of_session ON records (session_id) WHERE
 SCHEMA_6 = f"""
 CREATE INDEX IF NOT EXISTS program_edits_of_session ON records (session_id)
 WHERE encoding = '{EDIT_PROGRAM}'"""
+# Without it an opening beside another instance costs more with each old session of its station. A reader of a
+# journal without it goes through these: so it has no version.
+SCHEMA_OPENED = "CREATE INDEX IF NOT EXISTS opened_of_station ON sessions (station, opened)"
 # The last epoch under which this instance completed a takeover of a station: all that other instances had
 # recorded of it was here. A journal without it is taken for one that completed each: so it has no version.
 SCHEMA_TAKEOVERS = """
@@ -124,7 +127,8 @@ HAS_COLUMN = "SELECT 1 FROM pragma_table_info(?) WHERE name = ?"
 KNOWN = "station != '' AND session NOT LIKE '%.%'"
 SELECT_STATIONS = f"SELECT DISTINCT station FROM sessions WHERE {KNOWN}"
 SELECT_SESSIONS = f"SELECT station, session FROM sessions WHERE {KNOWN} ORDER BY id"
-SELECT_LAST_OPENED = f"SELECT max(opened) FROM sessions WHERE {KNOWN} AND station = ?"
+SELECT_LAST_OPENED = f"""
+SELECT opened FROM sessions WHERE {KNOWN} AND station = ? ORDER BY opened DESC LIMIT 1"""
 SELECT_CLOSED = f"SELECT station, session FROM sessions WHERE {KNOWN} AND closed"
 SELECT_ROWS = "SELECT * FROM sessions WHERE station != ''"
 # What each station takes: summed up by SQLite, without the interpreter, because there may be many sessions.
@@ -522,7 +526,7 @@ def _complete(database: sqlite3.Connection, path: Path) -> None:
 
     Raises JournalDamagedError for columns of no version.
     """
-    for schema in (SCHEMA_2, SCHEMA_3, SCHEMA_5, SCHEMA_6, SCHEMA_OVERVIEWS):
+    for schema in (SCHEMA_2, SCHEMA_3, SCHEMA_5, SCHEMA_6, SCHEMA_OVERVIEWS, SCHEMA_OPENED):
         database.execute(schema)
     for table, column, kind in COLUMNS_4:
         if not database.execute(HAS_COLUMN, (table, column)).fetchone():

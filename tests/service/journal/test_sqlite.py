@@ -9,8 +9,9 @@ import re
 import shutil
 import sqlite3
 import threading
+from collections.abc import Iterator
 from contextlib import closing as ended
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,8 +19,18 @@ import pytest
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack
-from caesura_service.journal import JournalError, JournalSettings, Outcome, Record, SqliteJournal, schema
+from caesura_service.journal import (
+    JournalError,
+    JournalSettings,
+    Outcome,
+    PeerJournals,
+    Record,
+    SqliteJournal,
+    peer_journals,
+    schema,
+)
 from caesura_service.journal import sqlite_writer as writer
+from caesura_service.journal.peer_journals import open_for_reading
 from caesura_service.journal.schema import LOG_KEPT, SCHEMA_VERSION, map_sqlite_errors
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.session_state import snapshot_of, status_of
@@ -209,6 +220,32 @@ def test_an_open_costs_the_same_however_many_old_sessions_the_station_has(path):
             journal.append(Record(STATION, f"old-{number}", 0.0, opening(f"old-{number}")))
         journal.commit()
         assert steps_of_an_open(journal, registry, "third") < 1.2 * before
+
+
+def test_an_open_costs_the_same_however_many_old_sessions_another_instance_has(path, monkeypatch):
+    """Beside it, the newest of them decides when the new one was opened."""
+    steps = itertools.count()
+
+    @contextmanager
+    def counting(*given: object) -> Iterator[sqlite3.Connection]:
+        with open_for_reading(*given) as kept:
+            kept.set_progress_handler(lambda: next(steps) < 0, 10)
+            yield kept
+
+    def steps_of(session: str) -> int:
+        before = next(steps)
+        assert isinstance(answer(registry.handle_command(STATION, opening(session), 1e4)), Ack)
+        return next(steps) - before
+
+    monkeypatch.setattr(peer_journals, "open_for_reading", counting)
+    with SqliteJournal(path.with_name("peer.sqlite"), NEVER) as peer, SqliteJournal(path, NEVER) as journal:
+        registry = new_registry(journal, peers=PeerJournals(path))
+        peer.append(Record(STATION, "old", 0.0, opening("old")), now=True)
+        before = steps_of("first")
+        for number in range(1000):
+            peer.append(Record(STATION, f"old-{number}", 0.0, opening(f"old-{number}")))
+        peer.commit()
+        assert steps_of("second") < 1.2 * before
 
 
 def test_payloads_are_the_codecs_bytes(path):

@@ -15,6 +15,7 @@ from caesura_service.journal.schema import (
     HAS_TABLE,
     INSERT_EPOCH,
     INSERT_OUTCOME,
+    KEEP_ASIDE,
     SELECT_OUTCOME,
     SELECT_ROWS,
     TAKEOVERS,
@@ -55,5 +56,7 @@ def _copy(damaged: sqlite3.Connection, session: SessionRow, database: sqlite3.Co
         raise JournalDamagedError("whether it is whole cannot be known")
     for page in pages_of(damaged, session, MAX_PLACE):
         write_rows(database, [row.copy_row(session.key) for row in page])
+    if session.damage is not None:
+        database.execute(KEEP_ASIDE, session._asdict())
     if (outcome := damaged.execute(SELECT_OUTCOME, session.key).fetchone()) is not None:
         database.execute(INSERT_OUTCOME, (*outcome[1:], *session.key))

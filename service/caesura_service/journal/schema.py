@@ -242,6 +242,10 @@ UPDATE sessions SET session = session || '.damaged-' || id, damage = ?, closed =
         id, station, session || '.damaged-' || id, opened, touched, 1, size, record_count
     )
 WHERE id = ? RETURNING session"""
+KEEP_ASIDE = """
+UPDATE sessions SET opened = :opened, touched = :touched, closed = 1, damage = :damage,
+    crc = checksum(id, station, session, :opened, :touched, 1, size, record_count)
+WHERE station = :station AND session = :session"""
 INSERT_OVERVIEW = """
 INSERT OR REPLACE INTO overviews (session_id, part, parts, payload, crc)
 SELECT id, ?, ?, ?, ? FROM sessions WHERE id = ? AND station = ? AND session = ?"""

@@ -15,6 +15,7 @@ import pytest
 
 from caesura_protocol.messages import Ack, Edit, Insert, Undo
 from caesura_service.journal import JournalError, JournalSettings, PeerJournals, Record, SqliteJournal
+from caesura_service.journal.journal import Refused
 from caesura_service.journal.schema import COLUMNS_4
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.session_state import program_of
@@ -225,6 +226,29 @@ def test_of_a_torn_file_the_epochs_of_its_stations_are_kept(written, tmp_path):
     with SqliteJournal(path, NEVER) as journal:
         (copy,) = journal.copies(OTHER)
         assert (journal.epoch_of(OTHER), copy.owner_epoch) == (8, 7)
+
+
+def test_of_a_torn_file_a_session_that_is_set_aside_stays_so_with_its_reason(written, tmp_path):
+    """It was copied as an open session, which no limit deletes, without the reason."""
+    path = Path(shutil.copy(written, tmp_path))
+    refused = Refused(edits=1, described=0, close=False)
+
+    def aside() -> list[tuple[object, ...]]:
+        columns = "session, opened, touched, closed, size, record_count, damage"
+        with closing(sqlite3.connect(path)) as database:
+            return database.execute(f"SELECT {columns} FROM sessions WHERE damage IS NOT NULL").fetchall()
+
+    with SqliteJournal(path, NEVER) as journal:
+        journal.retract(STATION, NAME, refused, "another instance's change counts")
+    (expected,) = aside()
+    content = bytearray(path.read_bytes())
+    page = content.rfind(b"caesura.SampleBatch") // 4096 * 4096
+    content[page : page + 4096] = b"\xff" * 4096
+    path.write_bytes(content)
+    with SqliteJournal(path, NEVER) as journal:
+        assert aside() == [expected]
+        assert len(journal.changes(STATION, str(expected[0]))) == 2
+        assert [*path.parent.glob("*.damaged-*")]
 
 
 def without_checksums(path: Path) -> None:

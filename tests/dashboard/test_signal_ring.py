@@ -102,14 +102,34 @@ def test_a_time_that_is_none_is_left_out(t0):
     assert read(ring).last == 0.999
 
 
-def test_samples_whose_time_stands_still_are_not_kept():
+WIDE = ("t", *(f"c{number}" for number in range(1, 64)))
+STILL, FAR = np.zeros(1000), np.full(1, 1e11)
+
+
+@pytest.mark.parametrize(
+    ("times", "columns", "batches", "most_mb"),
+    [
+        (lambda seq: STILL, COLUMNS, 100, 2),
+        (lambda seq: FAR, COLUMNS, 10_000, 1),  # samples without a time, which no later one replaces
+        (lambda seq: 60.0 * seq + 0.059 * np.arange(1000), WIDE, 100, 40),  # for each sample a bin
+        (lambda seq: 0.02 * seq + 1e-3 * np.arange(20), COLUMNS, 10_000, 3),
+    ],
+    ids=["the time stands still", "no time", "a minute in each batch", "as from a robot"],
+)
+@pytest.mark.parametrize("is_shown", [False, True])
+def test_a_ring_is_bounded_whatever_comes_and_whether_a_page_reads_it(
+    times, columns, batches, most_mb, is_shown
+):
     ring = SignalRing()
     tracemalloc.start()
-    for _ in range(100):
-        ring.receive("s1", COLUMNS, 0, np.zeros((1000, 7)))
+    for seq in range(batches):
+        t = times(seq)
+        ring.receive("s1", columns, seq, np.column_stack([t, np.zeros((len(t), len(columns) - 1))]))
+        if is_shown and seq % 10 == 0:
+            ring.read("cell-1", ALL, "m", "base")
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert peak < 2_000_000
+    assert peak < 1e6 * most_mb
 
 
 def test_a_ring_holds_a_minute_and_says_what_it_covers():

@@ -23,6 +23,7 @@ from caesura_protocol.sample_runs import RunSplitter, Speed, chosen_columns, dra
 BIN_S = 0.04
 SPAN_S = 60.0
 FOLD_ROWS = 200  # samples that are folded at once
+SPAN_BINS = round(SPAN_S / BIN_S)
 PARTS = 64  # joined at once
 FARTHEST_S = 1e10  # a session time beyond it is none; a service refuses it as well
 PADDING = 8  # [bytes] points begin at a multiple of it
@@ -61,6 +62,8 @@ class SignalRing:
             if (session, columns) != (self._session, self._columns):
                 self._begin(session, columns)
             matrix = matrix[np.abs(matrix[:, 0]) < FARTHEST_S]
+            if not len(matrix):
+                return
             self._waiting.append((seq, matrix))
             self._rows += len(matrix)
             if self._rows > FOLD_ROWS:
@@ -88,7 +91,7 @@ class SignalRing:
             self._fold()
             if not self._parts:
                 return None
-            self._parts = [joined(self._parts)]
+            self._drop_old()
             first, last = bins_of(np.array([wanted.t0, wanted.tn]), BIN_S).tolist()
             some, held = between(self._parts[0], first, last), tuple(self._holes)
             session, columns, newest = self._session, self._columns, self._last
@@ -116,7 +119,7 @@ class SignalRing:
         )
 
     def _fold(self) -> None:
-        """Move the pending samples into the bins, and drop bins older than SPAN_S."""
+        """Move the pending samples into the bins, and from time to time drop bins older than SPAN_S."""
         if not self._rows:
             return
         matrix = np.concatenate([rows for _, rows in self._waiting])
@@ -129,13 +132,14 @@ class SignalRing:
                 self._first, self._has_beginning = float(run.t[0]), int(seqs[0]) == 0
             self._parts.append(extremes_of(bins_of(run.t, BIN_S), run.t, self._speed.beside(run)))
             self._last = float(run.t[-1])
-        if len(self._parts) > PARTS:
+        if len(self._parts) > PARTS or sum(len(part.number) for part in self._parts[1:]) > SPAN_BINS:
             self._drop_old()
 
     def _drop_old(self) -> None:
+        """Join all parts to one, and drop bins older than SPAN_S."""
         whole = joined(self._parts)
         newest = int(whole.number[-1])
-        oldest = newest - round(SPAN_S / BIN_S)
+        oldest = newest - SPAN_BINS
         self._parts = [between(whole, oldest, newest)]
         if whole.number[0] < oldest:
             self._first, self._has_beginning = float(self._parts[0].number[0]) * BIN_S, False

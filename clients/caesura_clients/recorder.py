@@ -64,6 +64,8 @@ class Recorder:
 
         now_s: time of day of its arrival, if it was received live.
         """
+        if self.known < 0:
+            self.known = batch.seq  # of a session that has gone on for hours
         self.announce_seq(batch.seq)
         if batch.seq in self.batches or batch.seq > self.known:
             return

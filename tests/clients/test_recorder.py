@@ -17,7 +17,7 @@ from caesura_clients.recorder import ATTEMPTS, RecordedSession, Recorder, record
 from caesura_protocol.codec import encode, pack_samples
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.keys import ReplayRange, session_key, station_key
-from caesura_protocol.messages import SampleBatch
+from caesura_protocol.messages import MAX_BATCHES_AHEAD, SampleBatch
 from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import ASSUMED_ORDER
 from clients.answering import Answering
@@ -102,6 +102,15 @@ def test_a_number_far_ahead_is_none():
     recorder.announce_seq((1 << 53) - 1)
     recorder.add_batch(batch(0).model_copy(update={"seq": 1 << 50}))
     assert (recorder.known, recorder.missing()) == (0, None)
+
+
+def test_a_session_that_has_gone_on_for_hours_is_recorded_from_its_newest_batch_on():
+    recorder = Recorder("s1")
+    first = MAX_BATCHES_AHEAD + 5
+    for seq in (first, first + 1):
+        recorder.announce_seq(seq)
+        recorder.add_batch(batch(seq))
+    assert set(recorder.batches) == {first, first + 1}
 
 
 def test_without_an_answer_at_all_an_hour_is_given_up_at_once():

@@ -25,7 +25,7 @@ from caesura_clients.query import services, snapshots
 from caesura_clients.refresh_backoff import RefreshBackoff, TimeShares
 from caesura_clients.results import PUBLISHED, Published, SessionReader, Update
 from caesura_clients.service_liveliness import Change, LiveServices
-from caesura_protocol.codec import Encoded, decode, encoding_of
+from caesura_protocol.codec import Encoded, decode, encoding_of, is_other_version
 from caesura_protocol.errors import ProtocolError, Unreachable
 from caesura_protocol.fragments import Reassembler
 from caesura_protocol.keys import SessionPart, service_key, session_key, station_key
@@ -257,7 +257,7 @@ class _Follower:
                 return self._programs.setdefault(delivery.key, ProgramDecoder()).decode(whole.payload)
             return decode(*whole, *PUBLISHED, limit=MAX_WHOLE_BYTES)
         except ProtocolError as error:
-            if error.code == "unsupported_version":
+            if is_other_version(error):
                 raise
             return None
 

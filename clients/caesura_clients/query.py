@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, TypeVar
 
-from caesura_protocol.codec import Encoded, decode
+from caesura_protocol.codec import Encoded, decode, is_other_version
 from caesura_protocol.errors import AccessDenied, CaesuraError, NotFound, ProtocolError, Unreachable
 from caesura_protocol.fragments import Reassembler
 from caesura_protocol.keys import (
@@ -443,7 +443,7 @@ def _decoded(
         try:
             found.append(decode(*reply, model, limit=MAX_WHOLE_BYTES))
         except ProtocolError as error:
-            if error.code == "unsupported_version":
+            if is_other_version(error):
                 raise
             spoilt = error
     if spoilt is not None and not found:

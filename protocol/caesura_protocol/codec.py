@@ -159,6 +159,11 @@ def decode(payload: bytes, encoding: str, *expected: type[M], limit: int = MAX_M
     return message
 
 
+def is_other_version(error: ProtocolError) -> bool:
+    """Return whether a message was refused for its major version, not for any other encoding."""
+    return error.code == "unsupported_version" and isinstance(error.value, int)
+
+
 def encode_error(error: ProtocolError) -> Encoded:
     """Encode a refusal for the wire."""
     return encode(
@@ -333,6 +338,7 @@ __all__ = [
     "encode",
     "encode_error",
     "encoding_of",
+    "is_other_version",
     "matrix_of",
     "pack_samples",
     "signals_of",

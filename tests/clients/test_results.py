@@ -316,7 +316,8 @@ def test_rubbish_ends_no_reader_but_a_newer_service_is_named(memory):
         updates = follow(memory.transport(), "cell-1", refresh_s=60.0)
         next(updates)
         key = session_key("cell-1", "s1", "segments")
-        memory.transport().put(key, Encoded(b"\xc1", "application/msgpack;caesura.Segments.v1"))
+        for encoding in ("application/msgpack;caesura.Segments.v1", "zenoh/bytes", "text/plain"):
+            memory.transport().put(key, Encoded(b"\xc1", encoding))
         publishing.put(segments(5, 0, "hold"))
         assert kinds(next(updates)) == ["hold"]
         memory.transport().put(key, Encoded(b"\xc1", "application/msgpack;caesura.Segments.v2"))

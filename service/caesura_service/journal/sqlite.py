@@ -121,6 +121,7 @@ class SqliteJournal(SqliteWriter):
         with ExitStack() as stack:
             with map_sqlite_errors(self.path):
                 log_damage = log_integrity_error(self.path) if self._alone else None
+                is_new = self._alone and not self.path.exists()
             self._database = stack.enter_context(closing(self._open()))
             if self._alone:
                 stack.enter_context(closing(acquire_lock(self.path)))
@@ -137,6 +138,9 @@ class SqliteJournal(SqliteWriter):
             self._read_usage()
             self._deleted_elsewhere()
             self._wake.set()  # to finish deletions that were begun
+            if is_new:
+                hint = "no earlier session is known; if it has a disk of its own, that is not mounted"
+                logger.info("journal %s did not exist and begins empty: %s", self.path, hint)
             self._stack = stack.pop_all()
         return self
 

@@ -81,6 +81,14 @@ def test_what_is_new_is_its_owners_whatever_the_umask(tmp_path, umask):
     assert path.parent.stat().st_mode & 0o777 == 0o700
 
 
+def test_a_journal_that_begins_empty_is_no_secret(path, caplog):
+    """Its disk may not be mounted: the sessions on it are not there, and nothing else says so."""
+    caplog.set_level("INFO")
+    for _ in range(2):
+        written(path)
+    assert caplog.text.count(f"journal {path} did not exist and begins empty") == 1
+
+
 def test_an_older_journal_becomes_its_owners_and_a_directory_that_was_there_stays_as_it_is(tmp_path):
     path = tmp_path / "caesura-1.sqlite"
     tmp_path.chmod(0o755)

@@ -198,6 +198,13 @@ class PeerJournals:
         self._unreadable[path] = since, now
         if now - since < UNREADABLE_S:
             raise PeerJournalError(str(error)) from error
+        if last - since < UNREADABLE_S:  # this is the first look after that time
+            logger.error(
+                "journal %s could not be read for %g s and counts as absent from now on: stations are served "
+                "without the corrections that only it has",
+                path,
+                UNREADABLE_S,
+            )
 
     def _warn_once(self, error: Exception) -> None:
         """Log each error once: the journals are polled.

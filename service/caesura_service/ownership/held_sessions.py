@@ -57,7 +57,7 @@ class HeldSessions:
             "unknown_session",
             "no such session at this station",
             value=name,
-            expected=list(self.of(station)),
+            expected=list(self.of(station)) or None,
         )
 
     def add(self, station: str, session: Session) -> None:

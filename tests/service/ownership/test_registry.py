@@ -89,6 +89,14 @@ def test_samples_for_an_unknown_session_are_counted_by_the_service(message):
     assert registry.handle_samples(STATION, message, 0.0) == []
     assert registry.counters.refused == {"unknown_session": 1}
     assert registry.index.all_states()[0].counters.refused == {}
+    assert registry.counters.last_refusal.message.endswith("value 's1'; expected ['s2']")
+
+
+def test_of_a_station_without_a_session_none_is_expected():
+    """As where a station moves to an instance that has none of its journals: "expected []" said nothing."""
+    registry = new_registry()
+    registry.handle_samples(STATION, batch(0), 0.0)
+    assert registry.counters.last_refusal.message.endswith("no such session at this station; value 's1'")
 
 
 def test_a_batch_for_another_stations_session_is_forbidden_and_shown_where_it_came_from():

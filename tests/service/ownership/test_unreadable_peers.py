@@ -146,7 +146,7 @@ def test_an_owner_that_cannot_read_whether_it_was_replaced_accepts_nothing(pair)
     assert compared(b.standing) == compared(a.standing)
 
 
-def test_one_that_stays_unreadable_does_not_keep_a_station_from_being_served(pair, monkeypatch):
+def test_one_that_stays_unreadable_does_not_keep_a_station_from_being_served(pair, monkeypatch, caplog):
     a, b = pair
     now = [0.0]
     monkeypatch.setattr(b.registry._journals._peers, "_clock", lambda: now[0])
@@ -156,6 +156,8 @@ def test_one_that_stays_unreadable_does_not_keep_a_station_from_being_served(pai
         started(b)
         assert b.registry.ownership.serves(STATION)
         assert b.next_seq == 5
+        b.registry.known_stations()
+    assert caplog.text.count(f"{a.path} could not be read for 30 s and counts as absent from now on") == 1
 
 
 def test_a_journal_counts_as_absent_only_while_one_looks_again_and_again(pair, monkeypatch):

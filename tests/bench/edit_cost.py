@@ -101,8 +101,8 @@ def fold(registry: Registry) -> None:
     """Have a session rebuilt that somebody wants to correct."""
     wanted = Edit(session=SESSION, revision=2, author="bench", action=Undo())
     registry.handle_command(STATION, wanted, 0.0)  # refused until it has been folded
-    while registry.is_rebuilding:
-        registry.rebuild_step()
+    while registry.rebuilding:
+        registry.rebuild_step(STATION)
 
 
 def spent_ms(work: Callable[[], object]) -> float:

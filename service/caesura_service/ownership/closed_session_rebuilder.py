@@ -1,12 +1,12 @@
 """Rebuilds closed sessions for an edit, one journal record at a time.
 
 A session restored from its outcome has no pipeline. Replaying an hour takes seconds, and other stations must
-not wait for it. Until the end the client gets `overloaded`, and must retry.
+not wait for it, neither with their samples nor with rebuilds of their own. Until the end the client gets `overloaded`, and must retry.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Set
 
 from caesura_protocol.errors import ErrorCode, ProtocolError
 from caesura_service.journal import JournalError, Key, PeerJournalError
@@ -26,13 +26,9 @@ class ClosedSessionRebuilder:
         self._failed: dict[Key, tuple[ErrorCode, str]] = {}
 
     @property
-    def is_rebuilding(self) -> bool:
-        """Whether a rebuild is in progress."""
-        return bool(self._under_way)
-
-    def is_rebuilding_of(self, station: str) -> bool:
-        """Whether a rebuild of a station's session is in progress."""
-        return any(key[0] == station for key in self._under_way)
+    def stations(self) -> Set[str]:
+        """The stations with a rebuild in progress."""
+        return {station for station, _ in self._under_way}
 
     def request(self, station: str, session: Session, owner: Owner) -> ProtocolError:
         """Start or continue a rebuild; return the answer to the editing client.
@@ -53,13 +49,13 @@ class ClosedSessionRebuilder:
         why = "the session is being rebuilt from the journal: try again"
         return ProtocolError("overloaded", why, value=session.name)
 
-    def step(self) -> list[Output]:
-        """Replay one more record of a rebuild; return the outputs."""
-        if not self._under_way:
+    def step(self, station: str) -> list[Output]:
+        """Replay one more record of the station's first rebuild; return the outputs."""
+        key = next((key for key in self._under_way if key[0] == station), None)
+        if key is None:
             return []
-        key, work = next(iter(self._under_way.items()))
         try:
-            return next(work)
+            return next(self._under_way[key])
         except StopIteration:
             self._under_way.pop(key, None)
         except Exception as error:

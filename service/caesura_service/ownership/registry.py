@@ -72,7 +72,7 @@ from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.session import Awaited, Session
 
 STEP_S = 1e-3  # between the openings of two sessions whose clocks disagree
-REBUILDING = "/rebuilding"  # what `step` does, among the slices; the name of no station
+REBUILDING = "/rebuilding/"  # with a station, what `rebuild_step` does for it; the name of no station
 
 
 class Registry:
@@ -98,7 +98,7 @@ class Registry:
         )
         self._takeover = Takeover(self._factory, self._journals, journal)
         self._rebuilder = ClosedSessionRebuilder(self._takeover, self._journals)
-        self.slices = Slices()  # of the work on what stations send, by station; REBUILDING by that
+        self.slices = Slices()  # of the work on what stations send, by station; and of its rebuilds
         self._held = HeldSessions()
         self._station_limit = StationLimit(limits, self._is_busy)
         self._retention_due_s = self._peer_poll_due_s = float("-inf")  # [s]
@@ -212,7 +212,7 @@ class Registry:
 
     def _finish_work(self, station: str) -> None:
         """Complete sliced work before the station changes its owner."""
-        for name in (station, REBUILDING):
+        for name in (station, REBUILDING + station):
             self.slices.finish(name)
 
     def _to_hold(self, known: Mapping[str, SessionCopies]) -> Mapping[str, SessionCopies]:
@@ -362,13 +362,13 @@ class Registry:
         """
 
     @property
-    def is_rebuilding(self) -> bool:
-        """Whether a session is being rebuilt; then `rebuild_step` must be called."""
-        return self._rebuilder.is_rebuilding
+    def rebuilding(self) -> Set[str]:
+        """The stations of which a session is being rebuilt; for each `rebuild_step` must be called."""
+        return self._rebuilder.stations
 
-    def rebuild_step(self) -> list[Output]:
-        """Replay one more record of a rebuild; return the outputs."""
-        return self._rebuilder.step()
+    def rebuild_step(self, station: str) -> list[Output]:
+        """Replay one more record of a station's rebuild; return the outputs."""
+        return self._rebuilder.step(station)
 
     def journal_report(self) -> JournalReport:
         """Return the state of the journal; any thread may call it."""
@@ -407,7 +407,7 @@ class Registry:
         return (
             self.slices.is_under_way(station)
             or self.ownership.in_takeover(station)
-            or self._rebuilder.is_rebuilding_of(station)
+            or station in self.rebuilding
         )
 
     def _release_stations(self, now: float) -> list[Output]:

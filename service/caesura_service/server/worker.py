@@ -109,11 +109,11 @@ class Worker(BackgroundThread):
         self._registry.slices.stop()
 
     def _schedule_chores(self, *, takes_over: bool) -> None:
-        """Enqueue takeovers and rebuilds like arrivals."""
-        for lane, is_due in ((TAKEOVER, takes_over), (REBUILDING, self._registry.is_rebuilding)):
-            if is_due and lane not in self._chores:
-                self._chores.add(lane)
-                self._queue.put_unbounded(Unfinished(lane), lane)
+        """Enqueue takeovers and the rebuilds of each station like arrivals."""
+        due = {REBUILDING + station for station in self._registry.rebuilding}
+        for lane in (due | {TAKEOVER} if takes_over else due) - self._chores:
+            self._chores.add(lane)
+            self._queue.put_unbounded(Unfinished(lane), lane)
 
     def _process_some(self, most: int, patience_s: float) -> None:
         """Wait for an arrival; process it, and further ones up to `most` in all."""
@@ -134,13 +134,17 @@ class Worker(BackgroundThread):
                 return
 
     def _charge(self, lane: str, took_s: float) -> None:
-        """Charge the time of an arrival [s] to its lane and its station's budget."""
+        """Charge the time of an arrival [s] to its lane and its station's budget.
+
+        A rebuild uses no budget: a correction of an old session must not cost a new one its samples.
+        """
         self._queue.charge(took_s)
+        station = lane.removeprefix(REBUILDING)
         if lane in self._previewing:
             self._budgets.charge_preview(lane, took_s)
-        else:
+        elif lane == station:
             self._budgets.charge_work(lane, took_s)
-        self._registry.record_work(lane, took_s)
+        self._registry.record_work(station, took_s)
 
     def _run_slice(self, arrival: StationArrival | Unfinished, lane: str) -> bool:
         """Run a slice of an arrival's work; return whether the work is finished."""
@@ -150,9 +154,9 @@ class Worker(BackgroundThread):
         elif lane == TAKEOVER:
             self._run_guarded(self._emit_step, self._station_manager.step)
             done = True
-        elif lane == REBUILDING and not slices.is_under_way(lane):
-            rebuild = partial(self._run_guarded, self._emit_step, self._registry.rebuild_step)
-            done = slices.begin(lane, rebuild)
+        elif lane.startswith(REBUILDING) and not slices.is_under_way(lane):
+            step, station = self._registry.rebuild_step, lane.removeprefix(REBUILDING)
+            done = slices.begin(lane, partial(self._run_guarded, self._emit_step, step, station))
         else:
             done = slices.go_on(lane)
         if done:

@@ -162,8 +162,8 @@ class Instance:
         with suppress(JournalError):
             self.journal.commit()
         self.registry.tick(self.tick())
-        while self.registry.is_rebuilding:
-            for output in self.registry.rebuild_step():
+        while self.registry.rebuilding:
+            for output in self.registry.rebuild_step(STATION):
                 if isinstance(output, TakeoverFailed):
                     self.refused(str(output.error))
 

@@ -192,8 +192,8 @@ def test_a_closed_session_with_a_damaged_record_can_be_asked_for_and_not_be_corr
             assert registry.restore(10.0) == []
             assert (OTHER, NAME) in shown(registry)
             registry.handle_command(OTHER, edit(3, Insert(t=0.8)), 11.0)
-            while registry.is_rebuilding:
-                registry.rebuild_step()
+            while registry.rebuilding:
+                registry.rebuild_step(OTHER)
             refusal = answer(registry.handle_command(OTHER, edit(3, Insert(t=0.8)), 12.0))
             assert f"{OTHER}/{NAME} is damaged" in str(refusal)
 

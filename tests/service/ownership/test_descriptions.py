@@ -153,7 +153,7 @@ def test_another_instance_takes_the_description_over_and_changes_it(tmp_path, is
             assert status(b).description == RENAMED
             while isinstance(found := describe(b, RENAMED, WIPE), ProtocolError):
                 assert found.code == "overloaded", "a session that only the peer has is rebuilt first"
-                b.rebuild_step()
+                b.rebuild_step(STATION)
             assert status(b).description == WIPE
     with registry_on(first, peers=PeerJournals(first)) as again:
         assert status(again).description == WIPE

@@ -45,10 +45,10 @@ def test_what_was_taken_up_from_its_outcome_shows_its_revision():
 def test_what_was_taken_up_from_its_outcome_is_rebuilt_before_it_is_corrected():
     registry, before = closed_and_taken_up(MemoryJournal())
     assert refused(answer(registry.handle_command(STATION, edit(0, author="Bo"), 4.0))).limit == 1
-    assert (registry.is_rebuilding, registry.counters.refused) == (False, {"conflict": 1})
+    assert (registry.rebuilding, registry.counters.refused) == (set(), {"conflict": 1})
     reported = refused(answer(registry.handle_command(STATION, edit(1, Undo()), 4.0)))
     assert (reported.code, registry.counters.refused) == ("overloaded", {"conflict": 1})
-    assert registry.rebuild_step() == []  # a record at a time: others are served meanwhile
+    assert registry.rebuild_step(STATION) == []  # a record at a time: others are served meanwhile
     assert isinstance(answer(registry.handle_command("cell-2", opening(), 0.0)), Ack)
     assert refused(answer(registry.handle_command(STATION, edit(1, Undo()), 4.0))).code == "overloaded"
     assert stepped(registry) == []
@@ -65,7 +65,7 @@ def test_where_the_records_are_gone_a_correction_says_so():
     registry, _ = closed_and_taken_up(journal)
     journal.delete(STATION, NAME)
     reported = refused(answer(registry.handle_command(STATION, edit(1), 0.0)))
-    assert (reported.code, registry.is_rebuilding) == ("conflict", False)
+    assert (reported.code, registry.rebuilding) == ("conflict", set())
     assert "no longer has the session's samples" in str(reported)
 
 

@@ -272,7 +272,7 @@ def test_an_edit_of_the_program_waits_until_all_that_a_peer_recorded_is_copied(
     steps = 0
     while isinstance(replied := named(b, 4), ProtocolError):
         assert replied.code == "overloaded"
-        b.registry.rebuild_step()
+        b.registry.rebuild_step(STATION)
         if steps == cancelled_after:
             b.registry.release(STATION)
             b.take()

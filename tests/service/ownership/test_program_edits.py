@@ -66,7 +66,7 @@ def correct(registry: Registry, action: Action, revision: int) -> None:
     command = Edit(session=NAME, revision=revision, author="Bo", action=action)
     while isinstance(answered := ask(registry, command), ProtocolError):
         assert answered.code == "overloaded", "a closed session is rebuilt first"
-        registry.rebuild_step()
+        registry.rebuild_step(STATION)
 
 
 def taught(registry: Registry, *, closed: bool = False) -> None:
@@ -140,7 +140,7 @@ def test_an_edit_whose_answer_was_lost_is_acknowledged_again_and_made_once(
             command = kind(session=NAME, revision=revision, author="Ann", action=action)
             while isinstance(answered := ask(registry, command), ProtocolError):
                 assert answered.code == "overloaded"
-                registry.rebuild_step()
+                registry.rebuild_step(STATION)
         before = program(registry)
         assert ask(registry, command) == answered.model_copy(update={"effect": None})
         assert program(registry) == before
@@ -155,7 +155,7 @@ def test_an_edit_whose_answer_was_lost_is_acknowledged_again_and_made_once(
         later = other.model_copy(update={"revision": command.revision + 1, "action": actions[0]})
         while isinstance(made := ask(registry, later), ProtocolError):
             assert made.code == "overloaded"
-            registry.rebuild_step()
+            registry.rebuild_step(STATION)
         afterwards = ask(registry, command)
         assert afterwards.revision == answered.revision, "its own, so that its author finds the other's edit"
         assert afterwards == answered.model_copy(update={"effect": None})
@@ -231,7 +231,7 @@ def test_another_instance_takes_the_edits_over_and_continues_them(tmp_path: Path
             assert names(b)[:2] == ["reach", "reach"]
             while isinstance(reply := edit(b, Undo()), ProtocolError):
                 assert reply.code == "overloaded", "a session that only the peer has is rebuilt first"
-                b.rebuild_step()
+                b.rebuild_step(STATION)
             assert names(b)[:2] == ["reach", None]
 
 

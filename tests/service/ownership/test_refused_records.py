@@ -360,7 +360,7 @@ class Station:
         """Make a change; its session is rebuilt first where that is needed."""
         command = self.command(instance, kind)
         answered = asked(instance, command)
-        if isinstance(answered, ProtocolError) and instance.registry.is_rebuilding:
+        if isinstance(answered, ProtocolError) and instance.registry.rebuilding:
             stepped(instance.registry)
             answered = asked(instance, command)
         if not isinstance(answered, Ack):

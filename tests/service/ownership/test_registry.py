@@ -276,8 +276,8 @@ def test_a_session_whose_bridge_was_restarted_can_be_corrected_later():
     rebuilt.restore()
     edit = Edit(session="s1", revision=0, author="Ann", action=Insert(t=1.235))
     assert answer(rebuilt.handle_command(STATION, edit, 4.0)).code == "overloaded"  # it is folded first
-    while rebuilt.is_rebuilding:
-        assert not [out for out in rebuilt.rebuild_step() if isinstance(out, TakeoverFailed)]
+    while rebuilt.rebuilding:
+        assert not [out for out in rebuilt.rebuild_step(STATION) if isinstance(out, TakeoverFailed)]
     assert answer(rebuilt.handle_command(STATION, edit, 5.0)).revision == 1
 
 

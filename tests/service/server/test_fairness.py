@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Message, Open
+from caesura_protocol.messages import Edit, Insert, Message, Open
 from caesura_protocol.token_bucket import Rate
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_protocol.transport.memory import MemoryNetwork
@@ -95,6 +95,43 @@ def test_while_one_stations_batch_takes_long_another_is_taught_from_its_opening_
     assert (ack.state, ack.next_seq) == ("closed", 3)
     status = peer.snapshot("slow", "cell-1").status
     assert (status.batches, status.repeats, status.gaps, status.lost) == (3, 0, (), 0)
+
+
+def test_while_a_long_session_is_rebuilt_for_a_correction_another_stations_is_corrected(
+    config, network, gate, begun, tmp_path
+):
+    """It waited for every session that the first station had asked for, an hour of each."""
+    sessions = {"cell-1": "slow", "cell-2": "s1"}
+    kept = replace(config, journal=tmp_path)
+    with Service(kept, pipeline_factory=make_fake_pipeline, join=in_memory(network)), MemoryPeer(network) as peer:
+        for station, name in sessions.items():
+            peer.command(opening(name), station)
+            for batch in batches(3, name):
+                peer.send(batch, station)
+            assert peer.command(closing(2, name), station).state == "closed"
+    with (
+        Service(kept, pipeline_factory=slow(gate, begun), join=in_memory(network)),
+        MemoryPeer(network) as peer,
+    ):
+        corrections = {
+            station: Edit(session=name, revision=0, author="Ann", action=Insert(t=0.03))
+            for station, name in sessions.items()
+        }
+        for station in sessions:
+            with pytest.raises(ProtocolError, match="is being rebuilt"):
+                peer.command(corrections[station], station)
+        assert begun.wait(DEADLINE_S)
+        eventually(lambda: is_made(peer, corrections["cell-2"], "cell-2"))
+        assert not is_made(peer, corrections["cell-1"], "cell-1")
+        gate.set()
+        eventually(lambda: is_made(peer, corrections["cell-1"], "cell-1"))
+
+
+def is_made(peer: MemoryPeer, edit: Edit, station: str) -> bool:
+    try:
+        return peer.command(edit, station).revision == 1
+    except ProtocolError:
+        return False
 
 
 class Owing(FakePipeline):

@@ -97,6 +97,7 @@ def compared(standing: SessionState) -> tuple[object, ...]:
 def stepped(registry: Registry) -> list[Output]:
     """Rebuild sessions to the end, and return what is said."""
     said = []
-    while registry.is_rebuilding:
-        said += registry.rebuild_step()
+    while registry.rebuilding:
+        for station in registry.rebuilding:
+            said += registry.rebuild_step(station)
     return said

@@ -1,7 +1,8 @@
 """Rebuilds closed sessions for an edit, one journal record at a time.
 
 A session restored from its outcome has no pipeline. Replaying an hour takes seconds, and other stations must
-not wait for it, neither with their samples nor with rebuilds of their own. Until the end the client gets `overloaded`, and must retry.
+not wait for it, neither with their samples nor with rebuilds of their own. Until the end the client gets
+`overloaded`, and must retry.
 """
 
 from __future__ import annotations

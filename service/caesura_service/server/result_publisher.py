@@ -239,7 +239,7 @@ def reply_nothing(query: IncomingQuery, instance: str, replies: int = 0) -> None
 
 def reply_in_takeover(query: IncomingQuery, station: str, instance: str) -> None:
     """Reply that the station is being taken over, so that its content is not known yet."""
-    why = f"{instance} is taking {station} over from another instance: ask again"
+    why = f"{instance} is taking {station} over: ask again"
     reply_error(query, ProtocolError("overloaded", why, value=station))
 
 

@@ -6,19 +6,23 @@ have served an owned station. The owner then reads that instance's journal befor
 publishes under a new epoch. It reads the journal again a little later, when the other instance has released
 the station.
 
-It runs in the worker's thread, one record at a time, so that other stations are served meanwhile.
+It runs in the worker's thread, one record at a time, so that other stations are served meanwhile. Takeovers
+take turns by the time that they took, so that none waits for a long one. A start of a single instance
+completes what it can within START_S.
 """
 
 from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Generator, Set
+from collections.abc import Callable, Set
 from contextlib import suppress
+from math import inf
 
 from caesura_service.journal import JournalError
 from caesura_service.ownership.registry import Registry
 from caesura_service.ownership.station_assignment import stations_of
+from caesura_service.ownership.takeovers_in_turns import TakeoversInTurns
 from caesura_service.publishing.events import Output, TakeoverFailed
 from caesura_service.server.inbound import LivelinessChanged, RouterLinkChanged, Watching
 from caesura_service.server.live_tokens import LiveTokens
@@ -28,6 +32,7 @@ logger = logging.getLogger(__name__)
 
 POLL_DELAYS_S = (0.1, 0.5, 3.0)  # after a change: the last owner has released by then, or hangs
 STATIONS = 4096  # with a token
+START_S = 60.0  # of takeovers before a start serves anything; half of what a bridge's ring has at least
 RETRY_S = 0.5  # after a takeover for which the journal could not be read
 
 
@@ -49,8 +54,8 @@ class StationManager:
         self._has_new_bridge = False  # whose station is to be assigned
         self._owned: Set[str] = frozenset()
         self._queue: dict[str, bool] = {}  # stations to take over; also where no record is missing?
-        self._takeover: tuple[str, Generator[list[Output], None, None]] | None = None
-        self._renews = False  # does the takeover set a new epoch in any case?
+        self._takeovers = TakeoversInTurns()
+        self._renews: dict[str, bool] = {}  # does a takeover in progress set a new epoch in any case?
         self._next_takeover_s = float("-inf")  # [s] after one that failed
         self._last_error = ""  # why one failed
         self._next_change_s = float("inf")  # [s] the next change of membership by time alone
@@ -70,7 +75,8 @@ class StationManager:
         known = self._registry.known_stations() | self._bridges
         served = self._assigned_stations(known)
         self._owned = known if served is None else served
-        missing = self._registry.restore(now, self._owned)
+        most_s = START_S if served is None else inf  # other instances serve the stations meanwhile
+        missing = self._registry.restore(now, self._owned, most_s=most_s)
         self._registry.ownership.served = served
         self._polls_s = [float("inf")]  # until the last owner can learn that it has lost them
         self._update_settling()
@@ -79,6 +85,8 @@ class StationManager:
         return missing
 
     def _log_start(self, took_s: float) -> None:
+        if left := self._registry.ownership.superseded:
+            logger.info("other stations are served while these are taken over: %s", ", ".join(sorted(left)))
         if states := self._registry.index.all_states():
             opened = sum(state.is_open for state in states)
             logger.info("%d open and %d closed sessions in %.2f s", opened, len(states) - opened, took_s)
@@ -121,12 +129,12 @@ class StationManager:
 
     def _update_settling(self) -> None:
         """Record whether takeovers are left; until then another instance may have an own station."""
-        is_settled = self._takeover is None and not self._queue and not self._polls_s
+        is_settled = not self._takeovers and not self._queue and not self._polls_s
         self._registry.ownership.is_settling = not is_settled
 
     def idle_s(self) -> float:
         """Return the time [s] until the next step is due, unless an event arrives."""
-        if self._takeover or self._has_new_bridge or self._registry.ownership.superseded:
+        if self._takeovers or self._has_new_bridge or self._registry.ownership.superseded:
             return 0.0
         takeover_s = [self._next_takeover_s] if self._queue else []
         return max(0.0, min([self._next_change_s, *self._polls_s, *takeover_s]) - self._clock())
@@ -142,10 +150,10 @@ class StationManager:
             for station in sorted(self._owned):
                 self._queue.setdefault(station, False)
         self._take_back_superseded()
-        if self._takeover is None and self._queue and now >= self._next_takeover_s:
-            station = next(iter(self._queue))
-            self._renews = self._queue.pop(station)
-            self._takeover = station, self._registry.take_over(station, now, renew=self._renews)
+        if now >= self._next_takeover_s:
+            for station in [station for station in self._queue if station not in self._takeovers.stations]:
+                renew = self._renews[station] = self._queue.pop(station)
+                self._takeovers.begin(station, self._registry.take_over(station, now, renew=renew))
         outputs = self._continue_takeover()
         self._update_settling()
         return outputs
@@ -159,17 +167,13 @@ class StationManager:
                 self._schedule_takeover(station)
 
     def _continue_takeover(self) -> list[Output]:
-        if self._takeover is None:
+        if not self._takeovers:
             return []
+        station = self._takeovers.next_station()
         try:
-            return next(self._takeover[1])
-        except StopIteration:
-            self._takeover = None
+            return self._takeovers.step(station) or []
         except JournalError as error:
-            self._retry_takeover(self._takeover[0], error)
-        except Exception:
-            self._takeover = None
-            raise
+            self._retry_takeover(station, error)
         return []
 
     def _retry_takeover(self, station: str, error: JournalError) -> None:
@@ -178,11 +182,10 @@ class StationManager:
         Until then its messages are rejected if another instance may have served it. This instance may lack
         records that the other one has acknowledged.
         """
-        self._takeover = None
         self._next_takeover_s = self._clock() + RETRY_S
-        if self._renews:
+        if self._renews[station]:
             self._registry.ownership.begin_takeover(station)
-        self._queue[station] = self._renews or self._queue.get(station, False)
+        self._queue[station] = self._renews[station] or self._queue.get(station, False)
         if self._last_error != str(error):
             self._last_error = str(error)
             fields = {"station": station}
@@ -226,22 +229,15 @@ class StationManager:
         return self._registry.held_stations() | self._bridges
 
     def _schedule_takeover(self, station: str) -> None:
-        if self._takeover is not None and self._takeover[0] == station:
-            self._cancel_takeover()
+        self._takeovers.cancel(station)
         self._registry.ownership.begin_takeover(station)
         self._queue[station] = True
 
     def _release(self, station: str) -> None:
         self._queue.pop(station, None)
-        if self._takeover is not None and self._takeover[0] == station:
-            self._cancel_takeover()
+        self._takeovers.cancel(station)
         self._registry.release(station)
         logger.info("%s is let go of", station, extra={"station": station})
-
-    def _cancel_takeover(self) -> None:
-        assert self._takeover is not None
-        taking, self._takeover = self._takeover[1], None
-        taking.close()
 
     def _schedule_polls(self, now: float) -> None:
         if len(self._members) > 1:

@@ -22,7 +22,7 @@ from caesura_service.cooperative_scheduler import give_way
 from caesura_service.publishing.events import PipelineFactory
 from caesura_service.segmentation.fake_pipeline import FakePipeline, make_fake_pipeline
 from caesura_service.segmentation.view import Pipeline
-from caesura_service.server import result_publisher
+from caesura_service.server import result_publisher, station_manager
 from caesura_service.server.blocking_sends import WAITING, Lanes
 from caesura_service.server.memory_network import in_memory
 from caesura_service.server.rate_limits import RateLimits
@@ -103,7 +103,10 @@ def test_while_a_long_session_is_rebuilt_for_a_correction_another_stations_is_co
     """It waited for every session that the first station had asked for, an hour of each."""
     sessions = {"cell-1": "slow", "cell-2": "s1"}
     kept = replace(config, journal=tmp_path)
-    with Service(kept, pipeline_factory=make_fake_pipeline, join=in_memory(network)), MemoryPeer(network) as peer:
+    with (
+        Service(kept, pipeline_factory=make_fake_pipeline, join=in_memory(network)),
+        MemoryPeer(network) as peer,
+    ):
         for station, name in sessions.items():
             peer.command(opening(name), station)
             for batch in batches(3, name):
@@ -125,6 +128,64 @@ def test_while_a_long_session_is_rebuilt_for_a_correction_another_stations_is_co
         assert not is_made(peer, corrections["cell-1"], "cell-1")
         gate.set()
         eventually(lambda: is_made(peer, corrections["cell-1"], "cell-1"))
+
+
+class Long(FakePipeline):
+    """A push takes a moment until the gate opens."""
+
+    gate: threading.Event
+
+    def push(self, samples: NDArray[np.float64]) -> bool:
+        self.gate.wait(0.02)
+        return super().push(samples)
+
+
+def test_a_start_does_not_wait_for_the_hours_that_one_station_has_open(
+    config, network, gate, tmp_path, monkeypatch
+):
+    """All stations waited, beyond what their bridges keep: whoever sends all day makes a restart lossy."""
+
+    def long(command: Open, preset: str) -> Pipeline:
+        fake = make_fake_pipeline(command, preset)
+        if command.session == "long":
+            vars(fake).update(gate=gate)
+            fake.__class__ = Long
+        return fake
+
+    monkeypatch.setattr(station_manager, "START_S", 0.1)
+    kept, sessions = replace(config, journal=tmp_path), {"cell-1": ("long", 300), "cell-2": ("s1", 3)}
+    with (
+        Service(kept, pipeline_factory=make_fake_pipeline, join=in_memory(network)),
+        MemoryPeer(network) as peer,
+    ):
+        for station, (name, count) in sessions.items():
+            peer.command(opening(name), station)
+            for batch in batches(count, name):
+                peer.send(batch, station)
+            assert peer.command(opening(name), station).next_seq == count
+        before = peer.snapshot("long", "cell-1")
+    with Service(kept, pipeline_factory=long, join=in_memory(network)), MemoryPeer(network) as peer:
+        assert peer.command(opening(), "cell-2").next_seq == 3
+        for refused in (
+            partial(peer.command, opening("long"), "cell-1"),
+            partial(peer.snapshot, "long", "cell-1"),
+        ):
+            with pytest.raises(ProtocolError, match=r"taken over: try again|taking cell-1 over: ask again"):
+                refused()
+        gate.set()
+        eventually(lambda: continues(peer, "long", "cell-1"))
+        after = peer.snapshot("long", "cell-1")
+        assert (after.segments.segments, after.status.samples) == (
+            before.segments.segments,
+            before.status.samples,
+        )
+
+
+def continues(peer: MemoryPeer, session: str, station: str) -> bool:
+    try:
+        return peer.command(opening(session), station).next_seq > 0
+    except ProtocolError:
+        return False
 
 
 def is_made(peer: MemoryPeer, edit: Edit, station: str) -> bool:

@@ -1,0 +1,82 @@
+"""Takeovers in turns: the one that has taken least time is continued."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from caesura_service.ownership.takeovers_in_turns import TakeoversInTurns
+
+
+class Clock:
+    """A clock that only works move."""
+
+    def __init__(self) -> None:
+        self.s = 0.0
+
+    def __call__(self) -> float:
+        return self.s
+
+
+def lasting(clock: Clock, *records_s: float) -> Iterator[list[object]]:
+    for record_s in records_s:
+        clock.s += record_s
+        yield []
+
+
+def test_a_short_takeover_is_done_while_a_long_one_that_began_before_goes_on():
+    clock = Clock()
+    turns = TakeoversInTurns(clock)
+    turns.begin("long", lasting(clock, *100 * [1.0]))
+    turns.begin("short", lasting(clock, 0.1, 0.1, 0.1))
+    while "short" in turns.stations:
+        turns.step(turns.next_station())
+    assert clock.s == pytest.approx(1.3)
+    assert "long" in turns.stations
+
+
+def test_of_two_that_are_as_long_neither_takes_more_than_a_record_more():
+    clock = Clock()
+    turns = TakeoversInTurns(clock)
+    for station in ("dense", "usual"):
+        turns.begin(station, lasting(clock, *(10 * [1.0] if station == "dense" else 100 * [0.1])))
+    while len(turns.stations) == 2:
+        turns.step(turns.next_station())
+    assert clock.s > 18.0
+
+
+def test_one_that_fails_ends_and_the_others_go_on():
+    def failing() -> Iterator[list[object]]:
+        raise OSError("no disk")
+        yield []
+
+    clock = Clock()
+    turns = TakeoversInTurns(clock)
+    turns.begin("a", failing())
+    turns.begin("b", lasting(clock, 1.0))
+    with pytest.raises(OSError, match="no disk"):
+        turns.step("a")
+    assert [*turns.stations] == ["b"]
+    assert turns.step("b") == []
+    assert turns.step("b") is None
+    assert not turns
+
+
+def test_those_that_are_given_up_are_closed_and_named():
+    clock, closed = Clock(), []
+
+    def closing(name: str) -> Iterator[list[object]]:
+        try:
+            yield []
+            yield []
+        finally:
+            closed.append(name)
+
+    turns = TakeoversInTurns(clock)
+    for name in ("a", "b"):
+        turns.begin(name, closing(name))
+    turns.step("a")
+    turns.cancel("c")
+    assert turns.cancel_all() == ["a", "b"]
+    assert (closed, bool(turns)) == (["a"], False), "b had not begun"

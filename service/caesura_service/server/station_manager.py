@@ -30,6 +30,7 @@ from caesura_service.server.membership import Membership
 
 logger = logging.getLogger(__name__)
 
+TAKEOVER = "/taking"  # the lane of `step`, and its name among the slices; no station's name
 POLL_DELAYS_S = (0.1, 0.5, 3.0)  # after a change: the last owner has released by then, or hangs
 STATIONS = 4096  # with a token
 START_S = 60.0  # of takeovers before a start serves anything; half of what a bridge's ring has at least
@@ -229,15 +230,20 @@ class StationManager:
         return self._registry.held_stations() | self._bridges
 
     def _schedule_takeover(self, station: str) -> None:
-        self._takeovers.cancel(station)
+        self._cancel_takeover(station)
         self._registry.ownership.begin_takeover(station)
         self._queue[station] = True
 
     def _release(self, station: str) -> None:
         self._queue.pop(station, None)
-        self._takeovers.cancel(station)
+        self._cancel_takeover(station)
         self._registry.release(station)
         logger.info("%s is let go of", station, extra={"station": station})
+
+    def _cancel_takeover(self, station: str) -> None:
+        if station in self._takeovers.stations:
+            self._registry.slices.finish(TAKEOVER)  # it may be in the middle of a record
+            self._takeovers.cancel(station)
 
     def _schedule_polls(self, now: float) -> None:
         if len(self._members) > 1:

@@ -54,7 +54,7 @@ from caesura_service.server.inbound import (
     station_of,
 )
 from caesura_service.server.result_publisher import ResultPublisher
-from caesura_service.server.station_manager import StationManager
+from caesura_service.server.station_manager import TAKEOVER, StationManager
 from caesura_service.server.work_queue import WHOLE, WorkQueue
 from caesura_service.sessions.batch_block import ENCODING
 
@@ -65,7 +65,6 @@ StationArrival = SamplesReceived | BatchesReceived | ReplayFinished | CommandRec
 TICK_S = 0.1  # between two looks at what is still missing
 AT_ONCE = 16  # arrivals before a look at everything else, unless there is something else to do
 EVENTS = LivelinessChanged, RouterLinkChanged, Watching  # of the network
-TAKEOVER = "/taking"  # the lane in which stations are taken over; no station's name
 
 
 class Worker(BackgroundThread):
@@ -151,10 +150,12 @@ class Worker(BackgroundThread):
         slices = self._registry.slices
         if not isinstance(arrival, Unfinished):
             done = slices.begin(lane, partial(self._run_guarded, self._process, arrival))
+        elif slices.is_under_way(lane):
+            done = slices.go_on(lane)
         elif lane == TAKEOVER:
-            self._run_guarded(self._emit_step, self._station_manager.step)
-            done = True
-        elif lane.startswith(REBUILDING) and not slices.is_under_way(lane):
+            takeover = partial(self._run_guarded, self._emit_step, self._station_manager.step)
+            done = slices.begin(lane, takeover)
+        elif lane.startswith(REBUILDING):
             step, station = self._registry.rebuild_step, lane.removeprefix(REBUILDING)
             done = slices.begin(lane, partial(self._run_guarded, self._emit_step, step, station))
         else:

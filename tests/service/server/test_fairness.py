@@ -181,6 +181,32 @@ def test_a_start_does_not_wait_for_the_hours_that_one_station_has_open(
         )
 
 
+def test_while_a_long_batch_of_a_takeover_is_replayed_another_station_is_taught(
+    config, network, gate, begun, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(station_manager, "START_S", 0.0)
+    kept = replace(config, journal=tmp_path)
+    with (
+        Service(kept, pipeline_factory=make_fake_pipeline, join=in_memory(network)),
+        MemoryPeer(network) as peer,
+    ):
+        peer.command(opening("slow"), "cell-1")
+        peer.send(batches(1, "slow")[0], "cell-1")
+        assert peer.command(opening("slow"), "cell-1").next_seq == 1
+    with (
+        Service(kept, pipeline_factory=slow(gate, begun), join=in_memory(network)),
+        MemoryPeer(network) as peer,
+    ):
+        assert begun.wait(DEADLINE_S)
+        peer.command(opening(), "cell-2")
+        for batch in batches(3):
+            peer.send(batch, "cell-2")
+        assert peer.until_closed(2, "cell-2").next_seq == 3
+        assert not continues(peer, "slow", "cell-1")
+        gate.set()
+        eventually(lambda: continues(peer, "slow", "cell-1"))
+
+
 def continues(peer: MemoryPeer, session: str, station: str) -> bool:
     try:
         return peer.command(opening(session), station).next_seq > 0

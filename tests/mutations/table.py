@@ -376,6 +376,35 @@ MUTATIONS: tuple[Mutation, ...] = (
         ),
     ),
     Mutation(
+        "an array has an error for each of its items",
+        "protocol/caesura_protocol/messages/field_types.py",
+        "Listed = Annotated[tuple[T, ...], Field(fail_fast=True)]",
+        "Listed = Annotated[tuple[T, ...], Field(fail_fast=False)]",
+        (
+            "tests/protocol/test_payload_limits.py::test_no_array_in_any_field_has_an_error_for_each_of_its_items",
+        ),
+    ),
+    Mutation(
+        "a takeover is done to its end before the next one begins",
+        "service/caesura_service/ownership/takeovers_in_turns.py",
+        "min(self._took_s, key=self._took_s.__getitem__)",
+        "next(iter(self._took_s))",
+        (
+            "tests/service/ownership/test_takeovers_in_turns.py::"
+            "test_a_short_takeover_is_done_while_a_long_one_that_began_before_goes_on",
+        ),
+    ),
+    Mutation(
+        "a start waits until all that is open is replayed",
+        "service/caesura_service/server/station_manager.py",
+        "most_s = START_S if served is None else inf",
+        "most_s = inf",
+        (
+            "tests/service/server/test_fairness.py::"
+            "test_a_start_does_not_wait_for_the_hours_that_one_station_has_open",
+        ),
+    ),
+    Mutation(
         "a bridge evicts what no service has",
         "clients/caesura_clients/bridge/ring.py",
         "self._entries[0].seq < self.acknowledged and ",

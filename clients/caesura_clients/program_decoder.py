@@ -15,6 +15,7 @@ import msgpack  # type: ignore[import-untyped]
 
 from caesura_protocol.codec import decode, encoding_of
 from caesura_protocol.messages import MAX_WHOLE_BYTES, App, Program
+from caesura_protocol.payload_limits import PER_CONTAINER
 
 APPS = "apps"
 BLOCK = 4096  # bytes that are compared at once
@@ -65,6 +66,8 @@ def _apps_of(payload: bytes) -> tuple[int, int, int]:
         if unpacker.unpack() == APPS:
             header = unpacker.tell()
             count = unpacker.read_array_header()
+            if count * PER_CONTAINER > len(payload):
+                break  # these are no apps: the codec stops at the first of them
             return header, unpacker.tell(), count
         unpacker.skip()
     raise ValueError("no apps")

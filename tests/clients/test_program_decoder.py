@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import msgpack
 import pytest
 from hypothesis import given, settings
@@ -74,3 +76,14 @@ def test_bytes_that_are_no_message_are_refused(payload: bytes):
 def test_the_first_other_byte_is_found_in_any_block(same: int):
     assert common_bytes(b"a" * same + b"b", b"a" * same + b"c") == same
     assert common_bytes(b"a" * same, b"a" * same + b"c") == same
+
+
+def test_a_list_that_cannot_be_of_apps_is_refused_without_a_look_at_each():
+    """A megabyte of integers took 98 MB, and a program may have 64 of these."""
+    payload = b"\x81" + msgpack.packb("apps") + msgpack.packb([1] * 1_000_000)
+    tracemalloc.start()
+    with pytest.raises(ProtocolError, match="malformed"):
+        ProgramDecoder().decode(payload)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 20_000_000

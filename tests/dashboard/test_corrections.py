@@ -193,6 +193,15 @@ def test_everything_goes_without_a_mouse(operator: Operator):
     keyboard.press("Escape")
     keyboard.press("Control+z")
     operator.wire.until(lambda: operator.wire.taught() == before)
+    operator.is_shown("Undone")
+    for key, what, outcome in (("z", "undo", ""), ("y", "redo", "Done again.")):
+        if outcome:
+            keyboard.press(f"Control+{key}")
+            operator.is_shown(outcome)
+        button = operator.page.get_by_role("button", name=what.capitalize(), exact=True)
+        expect(button, "the page knows that there is none").to_have_count(0)
+        keyboard.press(f"Control+{key}")
+        operator.is_shown(f"There is nothing to {what}.")
 
 
 def test_a_name_is_asked_for_at_the_first_correction_which_then_is_made(operator: Operator):

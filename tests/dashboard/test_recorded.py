@@ -221,6 +221,31 @@ def test_signals_are_switched_and_values_read(visitor: Visitor, hour):
     expect(page.locator("[data-signal=changepoints]")).to_be_visible()
 
 
+def test_values_are_read_at_the_time_that_keys_choose(visitor: Visitor, hour):
+    """Only a pointer read them: keys left them empty, or at the time where the pointer had left."""
+    page, plots = visitor.page, visitor.page.locator(".plots")
+    page.mouse.move(0, 0)
+    for key in ("Home", *"+++++++++", *["Shift+ArrowRight"] * 3):
+        plots.press(key)
+    settled(page)
+    origin = page.evaluate("() => document.querySelector('.plots').plots.state.origin[0]")
+
+    def shown_of(t: float) -> str:
+        return f"{1000.0 * (hour[round(100 * t), COLUMNS.index('px')] - origin):.1f}"
+
+    value = page.locator("[data-signal=position] output").first
+    expect(value).to_have_text(shown_of(3.0))
+    box = page.locator("[data-signal=position] .u-over").bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + box["width"] / 4, box["y"] + 60)
+    expect(value).not_to_have_text(shown_of(3.0))
+    page.mouse.move(0, 0)
+    expect(value).to_have_text(shown_of(3.0))
+    plots.press("Shift+ArrowRight")
+    expect(value).to_have_text(shown_of(4.0))
+    plots.press("Home")
+
+
 @pytest.mark.parametrize(
     ("asked", "status", "named"),
     [

@@ -82,8 +82,8 @@ export class Plots {
       }))],
       hooks: {
         drawClear: [(u) => { behind(u.ctx, this.area(u), this.state); if (!panel.inferred) missing(u.ctx, this.area(u), this.state, this.ink, devicePixelRatio); }],
-        draw: [(u) => before(u.ctx, this.area(u), this.state, this.ink, devicePixelRatio)],
-        setCursor: [(u) => this.hover(u)],
+        draw: [(u) => { before(u.ctx, this.area(u), this.state, this.ink, devicePixelRatio); this.read(u, panel); }],
+        setCursor: [(u) => this.read(u, panel)],
       },
     };
   }
@@ -134,13 +134,10 @@ export class Plots {
   get painters() {
     return [...this.plots.values()].map(({ painter }) => painter);
   }
-  // The values under the pointer, in the title of each panel.
-  hover(u) {
-    const t = u.cursor.left >= 0 ? u.posToVal(u.cursor.left, "x") : this.state.cursor;
-    if (t !== this.hovered) {
-      this.hovered = t;
-      for (const held of this.plots.values()) this.say(held, t);
-    }
+  // The values in the title of a panel: at the time under the pointer, or else at the chosen one.
+  read(u, panel) {
+    const held = this.plots.get(panel.name);
+    if (held) this.say(held, u.cursor.left >= 0 ? u.posToVal(u.cursor.left, "x") : this.state.cursor);
   }
   say({ panel, values }, t) {
     const { data, segments, changepoints } = this.state;

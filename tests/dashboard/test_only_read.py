@@ -19,7 +19,7 @@ from harness.journals import ended, taught, written
 
 pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
-NAMES = [f"s{i:02d}" for i in range(17)]  # the service holds the last 16 of a station
+NAMES = [f"s{i:02d}" for i in range(18)]  # the service holds the last 16 of a station
 WHY = "it can be read, exported and replayed, and cannot be changed."
 
 
@@ -62,7 +62,7 @@ def test_the_tools_go_once_newer_sessions_take_the_place_of_the_one_that_is_show
 ):
     opened.begin_again(DESK)
     page = opened.page
-    page.goto(f"{stage.dashboard.url}/sessions/cell-1/{NAMES[1]}")
+    page.goto(f"{stage.dashboard.url}/sessions/cell-1/{NAMES[2]}")
     is_shown(page)
     expect(page.locator(".only-read")).to_have_count(0)
     expect(tools(page).first).to_be_attached()
@@ -72,4 +72,20 @@ def test_the_tools_go_once_newer_sessions_take_the_place_of_the_one_that_is_show
     expect(page.locator(".only-read")).to_contain_text(WHY)
     expect(tools(page)).to_have_count(0)
     expect(page.locator(".state-line")).to_contain_text("closed")
+    assert opened.errors == []
+
+
+def test_a_session_of_the_journal_is_shown_once_the_service_is_back(stage: Stage, opened: Visitor):
+    """A page that was opened while the service was away asked the journal once, and not again."""
+    opened.begin_again(DESK)
+    page = opened.page
+    stage.service.kill()
+    try:
+        page.goto(f"{stage.dashboard.url}/sessions/cell-1/{NAMES[1]}")
+        expect(page.locator(".banner")).to_be_visible()
+        expect(page.locator(".state-line"), "nobody knows whether it was deleted").to_have_text("")
+    finally:
+        stage.service.start()
+    expect(page.locator(".state-line")).to_contain_text("closed")
+    expect(page.locator(".only-read")).to_contain_text(WHY)
     assert opened.errors == []

@@ -246,6 +246,8 @@ def test_two_sessions_stand_side_by_side_with_one_axis_of_time(stage: Stage, vis
     page.get_by_role("link", name="Compare these two").click()
     plots = page.locator(".plots")
     expect(plots).to_have_count(2)
+    named = page.locator("section", has_text="W" * 120).locator(".state-line")
+    expect(named, "two may have the same task").to_contain_text("session one · closed")
     expect(page.get_by_role("heading", name="Programs")).to_contain_text("apps differ")
     expect(page.get_by_text("duration")).not_to_have_count(0)
     page.wait_for_function(BOTH_LOADED)

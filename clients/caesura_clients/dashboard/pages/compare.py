@@ -12,6 +12,7 @@ from nicegui.events import GenericEventArguments
 from caesura_clients.dashboard.elements import SessionView, Tables
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
 from caesura_clients.dashboard.pages.session import line_of_past
+from caesura_clients.dashboard.pages.stored_session import StoredSession
 from caesura_clients.results import Update
 from caesura_protocol.app_kinds import app_number, app_title
 from caesura_protocol.messages import App, Program
@@ -24,7 +25,7 @@ TOGETHER = """(event) => {
   event.target.setAttribute("aria-pressed", String(on));
   window.dispatchEvent(new CustomEvent("caesura-together", { detail: on }));
 }"""
-HELP = "Apart, each moves alone; together again, they keep their distance: so two events are aligned."
+HELP = "Switch it off to move one alone; switched on again, it keeps what is then side by side."
 Named = tuple[str, str]  # station and session
 
 
@@ -53,7 +54,7 @@ class ComparePage:
         self._banner.say(world.trouble)
         updates = [world.update(*named) for named in self._named]
         for half, update in zip(self._halves, updates, strict=True):
-            half.show(update)
+            half.show(update, world.trouble)
 
     async def _compare(self) -> None:
         """Compare the programs if one has changed, without blocking other pages."""
@@ -85,14 +86,17 @@ class _Half:
                 linked=True,
             )
         self._station, self._session = station, session
+        self._stored = StoredSession(site.gateway, station, session)
 
-    def show(self, update: Update | None) -> None:
-        """Send the changes of the session to the browser."""
+    def show(self, update: Update | None, trouble: str) -> None:
+        """Send the changes of the session to the browser. trouble: why the service cannot be asked."""
+        self._stored.follow(update)
         task = update.status.description.task if update else None
         name = f"{self._station} · {task or self._session}"
         if name != self._link.text:
             self._link.set_text(name)
-        line = line_of_past(update)
+        past = line_of_past(update, trouble)
+        line = f"session {self._session} · {past}" if task else past  # two may have the same task
         if line != self._line.text:
             self._line.set_text(line)
         self._view.follow(update, {})

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from typing import Any
 
-from nicegui import background_tasks, run, ui
+from nicegui import run, ui
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
@@ -22,6 +21,7 @@ from caesura_clients.dashboard.elements import (
 )
 from caesura_clients.dashboard.hints import banner_of
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
+from caesura_clients.dashboard.pages.stored_session import StoredSession
 from caesura_clients.dashboard.program_differences import compared_versions
 from caesura_clients.dashboard.program_edits import ProgramDesk
 from caesura_clients.dashboard.program_timeline import Timeline
@@ -36,7 +36,6 @@ from caesura_clients.dashboard.station_summary import (
 )
 from caesura_clients.results import Update
 from caesura_protocol import messages as wire
-from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.number_words import counted
 from caesura_protocol.session_clock import NO_OFFSET, clock_of
 
@@ -86,7 +85,7 @@ class SessionPage:
             )
         self._clock = NO_OFFSET  # of the session that is shown
         self._is_known = False  # was it ever shown?
-        self._reads = False  # it was asked for in the journal
+        self._stored = None if session is None else StoredSession(site.gateway, station, session)
         self._timeline_of: wire.Program | None = None
         self._timeline_clock = NO_OFFSET
         self._timeline = Timeline()
@@ -104,10 +103,12 @@ class SessionPage:
         update = world.update(self._station, self._session)
         seen = glance(world, self._station, received, gateway.clock(), gateway.began)
         self._clock = NO_OFFSET if update is None else session_clock(update)
+        if self._stored is not None:
+            self._stored.follow(update)
         self._offer_tools(update)
         live = self._session is None
         self._banner.say(warning_of(seen, world) if live else world.trouble)
-        line = line_of(seen, update) if live else line_of_past(update)
+        line = line_of(seen, update) if live else line_of_past(update, world.trouble)
         if line != self._line.text:
             self._line.set_text(line)
         if self._hints is not None:
@@ -125,9 +126,6 @@ class SessionPage:
     def _offer_tools(self, update: Update | None) -> None:
         """Enable the tools that change a session, unless the service no longer holds it."""
         world, named = self._gateway.world, (self._station, self._session or "")
-        if update is None and self._is_known and not self._reads and self._session is not None:
-            self._reads = True  # newer ones took its place while it was shown
-            background_tasks.create(self._read_again(self._session))
         self._is_known = self._is_known or update is not None
         is_stored = named in world.stored
         may = self._session is None or named in world.updates or not (is_stored or self._is_known)
@@ -136,10 +134,6 @@ class SessionPage:
         for element, desk in tools.items():
             if desk is not None:
                 element.allow(editable=may, why=why)
-
-    async def _read_again(self, session: str) -> None:
-        with suppress(CaesuraError, ProtocolError):  # the page states that it is not known
-            await run.io_bound(self._gateway.read_stored, self._station, session)
 
     def _controls(self) -> dict[str, Any]:
         return controls(self._gateway.world, self._station, may_operate=self._desk is not None)
@@ -283,10 +277,13 @@ def line_of(seen: StationSummary, update: Update | None) -> str:
     return " · ".join([*parts, *_times(update)])
 
 
-def line_of_past(update: Update | None) -> str:
-    """Return the line on a session that was requested by its name; None: the service does not hold it."""
+def line_of_past(update: Update | None, trouble: str = "") -> str:
+    """Return the line on a session that was requested by its name; None: the service does not hold it.
+
+    trouble: why the service cannot be asked, which the page's banner states.
+    """
     if update is None:
-        return "The service does not know this session, or it was deleted."
+        return "" if trouble else "The service does not know this session, or it was deleted."
     state = "closed" if update.closed else "being taught"
     gaps = len(update.status.gaps) + update.status.gaps_before
     segments = counted(len(update.segments), "segment")

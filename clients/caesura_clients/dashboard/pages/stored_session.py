@@ -1,0 +1,43 @@
+"""Reads the session of a page from the journal while the service does not hold it."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+from nicegui import background_tasks, run
+
+from caesura_clients.dashboard.network_follower import NetworkFollower
+from caesura_clients.results import Update
+from caesura_protocol.errors import CaesuraError, ProtocolError
+
+AGAIN_S = 2.0  # after the first query; the interval doubles
+LONGEST_S = 60.0
+
+
+class StoredSession:
+    """One session of a page, which was read from the journal when the page was opened."""
+
+    def __init__(self, gateway: NetworkFollower, station: str, session: str) -> None:
+        self._gateway, self._named = gateway, (station, session)
+        self._wait_s, self._due_s = AGAIN_S, gateway.clock() + AGAIN_S
+        self._is_read = False  # a query is under way
+
+    def follow(self, update: Update | None) -> None:
+        """Read the session if it is not known: at once if it was known before, then repeatedly.
+
+        update: its state. The service may be absent, or newer sessions have taken its place.
+        """
+        now = self._gateway.clock()
+        if update is not None:
+            self._wait_s, self._due_s = AGAIN_S, now
+        elif now >= self._due_s and not self._is_read:
+            self._is_read = True
+            background_tasks.create(self._read())
+
+    async def _read(self) -> None:
+        try:
+            with suppress(CaesuraError, ProtocolError):  # the page states that it is not known
+                await run.io_bound(self._gateway.read_stored, *self._named)
+        finally:
+            self._due_s = self._gateway.clock() + self._wait_s
+            self._wait_s, self._is_read = min(2.0 * self._wait_s, LONGEST_S), False

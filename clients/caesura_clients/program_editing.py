@@ -110,11 +110,11 @@ def in_words(action: ProgramAction, clock: SessionClock = NO_OFFSET) -> str:
         case ChangeApp(app=app):
             words = f"{_at(app, clock)}: {', '.join(_changes(action))}"
         case MoveApp(app=app, after=after):
-            words = f"{_at(app, clock)} moved {_behind(after, clock)}"
+            words = f"{_at(app, clock)} moved {_after(after, clock)}"
         case DeleteApp(app=app) | DuplicateApp(app=app):
             words = f"{_at(app, clock)} {action.do}d"
         case InsertApp(after=after, kind=kind):
-            words = f"'{app_title(kind)}' inserted {_behind(after, clock)}"
+            words = f"'{app_title(kind)}' inserted {_after(after, clock)}"
         case ReplacePart(first=first, last=last, session=session):
             part = _at(first, clock) if first == last else f"{_at(first, clock)} to {_at(last, clock)}"
             words = f"{part} replaced by session '{session}'"
@@ -133,8 +133,8 @@ def _changes(action: ChangeApp) -> Iterator[str]:
             yield f"{words} as taught"
 
 
-def _behind(after: AppReference | None, clock: SessionClock) -> str:
-    return f"behind {_at(after, clock)}" if after else "to the beginning"
+def _after(after: AppReference | None, clock: SessionClock) -> str:
+    return f"after {_at(after, clock)}" if after else "to the beginning"
 
 
 def _at(app: AppReference, clock: SessionClock) -> str:

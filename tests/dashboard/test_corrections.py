@@ -204,6 +204,27 @@ def test_everything_goes_without_a_mouse(operator: Operator):
         operator.is_shown(f"There is nothing to {what}.")
 
 
+def test_what_takes_long_says_that_it_is_under_way(operator: Operator):
+    """An hour that is over is rebuilt for a minute: the menu stayed empty, and so did the page."""
+    page, menu = operator.page, operator.page.locator(".correct-menu")
+    slow = SlowSocket(page)
+    page.reload()
+    operator.wait_for_three_segments()
+    operator.look_at_the_beginning()
+    slow.hold("previewed")
+    page.mouse.click(*operator.place(T), button="right")
+    menu.locator(".insert").hover()
+    expect(menu.locator(".effect")).to_contain_text("The service computes it …")
+    slow.release()
+    expect(menu.locator(".effect")).to_contain_text("becomes")
+    expect(menu.locator(".effect")).not_to_contain_text("computes")
+    slow.hold("answered")
+    menu.locator(".insert").click()
+    operator.is_shown("Correcting …")
+    slow.release()
+    operator.is_shown("inserted at 1.")
+
+
 def test_a_name_is_asked_for_at_the_first_correction_which_then_is_made(operator: Operator):
     operator.is_called("")
     operator.click(T)

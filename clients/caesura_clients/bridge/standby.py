@@ -292,8 +292,8 @@ class Standby:
                     raise
             else:
                 one.lost = ack.lost
-                lacking = f", of which {ack.lost} are lost" if ack.lost else ""
-                return f"closed with {counted(ack.next_seq, 'batch')}{lacking}"
+                whole = counted(ack.next_seq, "batch")
+                return f"is stored without {ack.lost} of {whole}, lost on the way" if ack.lost else "is stored"
 
     # --- sessions that a bridge has left open -----------------------------------------------------------
 

@@ -41,6 +41,7 @@ PROGRAMS = "/programs"
 SAMPLES = "/samples"  # of sessions, for plots; the pages of sessions ask for them
 REFUSED = {"malformed": 400, "unknown_session": 404, "forbidden": 403}  # others: try again
 PREPARED = "/station/none"  # built before a browser asks: it has everything that a session's page has
+FIRST_S = 1.0  # that a page waits for its sessions; after 3 s NiceGUI shows an error in its place
 LOOK_S = 0.02  # between two looks whether the socket is bound
 # A page that answers no ping for this long is dropped and loads itself again: what was typed into it is gone.
 # The 2 s of NiceGUI are a short pause of a tablet.
@@ -163,7 +164,7 @@ def declare(site: Site) -> None:
 
     @ui.page("/sessions/{station}/{session}")
     async def _session(station: str, session: str) -> None:
-        await _read(site, (_checked(station), _checked(session)))
+        await _read_at_first(site, (_checked(station), _checked(session)))
         SessionPage(site, station, session)
 
     @ui.page("/compare")
@@ -171,7 +172,7 @@ def declare(site: Site) -> None:
         if not (first and second):
             return RedirectResponse("/sessions")  # where both are chosen
         named = _named(first), _named(second)
-        await _read(site, *named)
+        await _read_at_first(site, *named)
         ComparePage(site, *named)
         return None
 
@@ -279,6 +280,11 @@ def _zip_file(site: Site, named: list[tuple[str, str]]) -> Response:
     name = "-".join(named[0]) if len(named) == 1 else f"{len(named)}-sessions"
     headers = {"content-disposition": f'attachment; filename="{name}-lerobot.zip"'}
     return Response(content, media_type="application/zip", headers=headers)
+
+
+async def _read_at_first(site: Site, *named: tuple[str, str]) -> None:
+    """Read stored sessions for a page, which is built after FIRST_S all the same and then reads them again."""
+    await asyncio.wait([background_tasks.create(_read(site, *named))], timeout=FIRST_S)
 
 
 async def _read(site: Site, *named: tuple[str, str]) -> None:

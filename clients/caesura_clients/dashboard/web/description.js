@@ -32,7 +32,7 @@ export default {
     <details v-if="session" class="description" :open="open" @toggle="open = $event.target.open">
       <summary><strong>{{ title }}</strong> {{ stated }}</summary>
       <div v-if="editable" class="fields">
-        <label>Task <input class="name-task" v-model="draft.task" maxlength="120" list="known-tasks" placeholder="unnamed"
+        <label class="is-task">Task <input class="name-task" v-model="draft.task" maxlength="120" list="known-tasks" placeholder="unnamed"
           @change="saveTyped('task')" autocomplete="off"></label>
         <datalist id="known-tasks"><option v-for="one in tasks" :key="one" :value="one"></option></datalist>
         <label>Operator <input class="name-operator" v-model="draft.operator" maxlength="64" @change="saveTyped('operator')"></label>

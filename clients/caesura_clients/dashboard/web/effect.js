@@ -5,6 +5,9 @@ const WAIT_MS = 200; // that a correction has been pointed at, at least
 // taught meanwhile needs too; once it is taught, CLOSED_MS are enough.
 const ANSWERS = 2, CLOSED_MS = 1000;
 const EPS = 1e-3; // [s] rows are rounded to
+// What is stated meanwhile of a long session, which the service has to build from its journal first.
+const SLOW_MS = 1000;
+const COMPUTING = Object.freeze({ lead: "Preview", words: ["The service computes it …"], rows: [], span: [0, 0], failed: false, waits: true });
 
 // The listeners of a button that makes a correction: `on` when it is pointed at, `off` when no longer. A finger points at
 // nothing before it presses.
@@ -20,6 +23,7 @@ export const effect = {
   },
   unmounted() {
     clearTimeout(this.effectDue);
+    clearTimeout(this.slow);
   },
   watch: {
     revision() {
@@ -60,9 +64,11 @@ export const effect = {
     askEffect() {
       if (!this.wanted || this.underWay || !this.editable || this.session === "") return;
       Object.assign(this, { underWay: this.wanted, askedAt: performance.now() });
+      this.slow = setTimeout(() => (this.effect ??= this.underWay === this.wanted ? COMPUTING : null), SLOW_MS);
       this.$emit("preview", { ...this.wanted, session: this.session, revision: this.revision });
     },
     previewed(found) {
+      clearTimeout(this.slow);
       const isNewest = this.underWay === this.wanted;
       Object.assign(this, { underWay: null, answerMs: performance.now() - this.askedAt });
       if (isNewest) this.effect = Object.freeze(found);
@@ -70,6 +76,7 @@ export const effect = {
     },
     forgetEffect() {
       this.preview(null);
+      clearTimeout(this.slow);
       this.underWay = null;
     },
   },

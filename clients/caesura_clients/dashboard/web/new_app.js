@@ -1,4 +1,4 @@
-// The form of a new app, behind another one or first: what is not typed is that of the app beside it.
+// The form of a new app, after another one or first: what is not typed is that of the app beside it.
 import { unsaved } from "caesura-dashboard/unsaved.js";
 
 const MM = 1000;
@@ -6,12 +6,12 @@ const NEW = { name: "", target: ["", "", ""], force: [0, 0, ""], gripper_width: 
 
 export default {
   mixins: [unsaved],
-  props: { behind: Object, near: Object, kinds: Array, busy: Boolean }, // near: whose target it has where none is typed
+  props: { previous: Object, near: Object, kinds: Array, busy: Boolean }, // near: whose target it has where none is typed
   emits: ["edit"],
   data: () => ({ kind: "", fresh: structuredClone(NEW), added: JSON.stringify(NEW) }), // added: what is there already
   template: `
-    <form class="new-app" :aria-label="behind ? 'New app behind app ' + behind.number : 'New first app'" @submit.prevent="insert">
-      <label>{{ behind ? "New app behind it" : "Kind" }} <select v-model="kind"><option value="">choose</option>
+    <form class="new-app" :aria-label="previous ? 'New app after app ' + previous.number : 'New first app'" @submit.prevent="insert">
+      <label>{{ previous ? "New app after it" : "Kind" }} <select v-model="kind"><option value="">choose</option>
         <option v-for="[kind, title] in kinds" :key="kind" :value="kind">{{ title }}</option></select></label>
       <template v-if="kind">
         <label>Name <input class="new-name" v-model="fresh.name" maxlength="64" autocomplete="off"></label>
@@ -24,7 +24,7 @@ export default {
         <label v-if="states('gripper_width')">Gripper width [mm]
           <input class="new-gripper_width" type="number" step="any" min="0" v-model.number="fresh.gripper_width"></label>
         <label v-if="states('seconds')">Duration [s] <input class="new-seconds" type="number" step="any" v-model.number="fresh.seconds" required></label>
-        <div class="row"><button class="insert-app" :disabled="busy" :aria-label="behind ? 'Insert behind app ' + behind.number : 'Insert as the first app'">Add</button></div>
+        <div class="row"><button class="insert-app" :disabled="busy" :aria-label="previous ? 'Insert after app ' + previous.number : 'Insert as the first app'">Insert</button></div>
       </template>
     </form>`,
   computed: {
@@ -47,7 +47,7 @@ export default {
     },
     insert() {
       this.added = JSON.stringify(this.fresh);
-      const { fresh, near, behind } = this, name = fresh.name.trim();
+      const { fresh, near, previous } = this, name = fresh.name.trim();
       const given = {
         target: this.isMoved && fresh.target.map((value, i) => (value === "" ? near.target[i] : value / MM)),
         force: [...fresh.force],
@@ -55,7 +55,7 @@ export default {
         seconds: fresh.seconds,
       };
       const values = Object.fromEntries(Object.entries(given).filter(([one, value]) => this.states(one) && value !== false));
-      this.$emit("edit", { do: "insert", after: behind ? behind.reference : null, kind: this.kind, ...(name && { name }), ...values });
+      this.$emit("edit", { do: "insert", after: previous ? previous.reference : null, kind: this.kind, ...(name && { name }), ...values });
     },
   },
   watch: {

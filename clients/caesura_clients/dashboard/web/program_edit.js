@@ -1,4 +1,4 @@
-// Editing an app at its card: its values, its place, a copy, another app behind it. One form, one edit, one undo.
+// Editing an app at its card: its values, its place, a duplicate, another app after it. One form, one edit, one undo.
 //
 // `base` has the values that the form was filled from. What arrives meanwhile replaces what was not typed into. An edit
 // says what it was typed over, so that it does not overwrite what another operator has set there.
@@ -43,10 +43,10 @@ export default {
       <div v-if="open" class="row" role="group" :aria-label="'Place of app ' + app.number">
         <button class="repeats" :disabled="busy || !app.earlier" :aria-label="'Run app ' + app.number + ' earlier'" @click="move(app.earlier)">◀</button>
         <button class="repeats" :disabled="busy || !app.later" :aria-label="'Run app ' + app.number + ' later'" @click="move(app.later)">▶</button>
-        <button class="duplicate" :disabled="busy" :aria-label="'Duplicate app ' + app.number" @click="say({ do: 'duplicate', app: app.reference })">Copy</button>
+        <button class="duplicate" :disabled="busy" :aria-label="'Duplicate app ' + app.number" @click="say({ do: 'duplicate', app: app.reference })">Duplicate</button>
         <button class="delete" :disabled="busy" :aria-label="'Delete app ' + app.number" @click="say({ do: 'delete', app: app.reference })">Delete</button>
       </div>
-      <new-app v-if="open" :behind="app" :near="app" :kinds="kinds" :busy="busy" @edit="say"></new-app>
+      <new-app v-if="open" :previous="app" :near="app" :kinds="kinds" :busy="busy" @edit="say"></new-app>
       <fieldset v-if="open" class="again"><legend>Teach again</legend>
         <p v-if="!sessions.length">Teach the part in a session of its own at this station. Then it can be chosen here.</p>
         <template v-else>

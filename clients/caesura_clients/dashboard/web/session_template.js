@@ -23,7 +23,7 @@ const floating = `
     @edit="chosenInMenu" @close="closeMenu" @rename="rename" @time="goto"
     @preview="(action) => preview(action, 'menu')"></correct-menu>
   <effect-words v-if="effectAt === 'tip' && (effect || ghost !== null)" class="effect-tip" :style="tipStyle" :effect="effect"
-    :more="effect ? '' : dragWords"></effect-words>
+    :more="effect && !effect.waits ? '' : dragWords"></effect-words>
   <form v-if="asked" class="who" aria-label="Who corrects" @submit.prevent="name" @keydown.esc.stop="asked = null">
     <label>Your name <input ref="author" class="author" v-model="draft" maxlength="64" autocomplete="name" required></label>
     <button class="save-name">{{ asked.do ? "Correct" : "Save" }}</button><button type="button" @click="asked = null">Cancel</button>

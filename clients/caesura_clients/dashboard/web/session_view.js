@@ -174,7 +174,7 @@ export default {
       this.forgetEffect();
       this.forgetActs();
       Object.assign(this, empty(), { menu: null, asked: null, relabelled: null, selected: null, cursor: null, ghost: null, end: null, span: 30,
-        busy: false, columns: this.columns && [], origin: null, fitted: false });
+        busy: false, message: this.busy ? "" : this.message, columns: this.columns && [], origin: null, fitted: false });
     },
     fit() { // a session of the past is shown as a whole
       if (this.fitted || !this.replay || this.session === "" || !(this.t > 0)) return;
@@ -320,7 +320,7 @@ export default {
       this.preview(null);
       changes();
       this.act = { number: action.do === "take_back" ? action.number : null, ...how, seen: this.revision };
-      Object.assign(this, { busy: true, message: "", failed: false, relabelled: action.do === "relabel" ? action.t : null,
+      Object.assign(this, { busy: true, message: "Correcting …", failed: false, relabelled: action.do === "relabel" ? action.t : null,
         inList: action.do === "take_back" && !how.redoes });
       this.$emit("edit", { ...action, session: this.session, revision: this.revision, author: this.author.trim() });
     },

@@ -5,8 +5,9 @@ A lost last message leaves no gap in the numbers. So the snapshot of a session w
 
 A station whose sessions begin faster than they can be queried delays only its own results.
 
-A session that is missing from two query results is dropped: the service was restarted without it. While no
-service is live, the last results stay. A session that makes room for others is detected at the next query of
+A session that is missing from query results for CONFIRM_S is dropped: the service was restarted without it.
+Just after an instance has left, the next one does not hold its sessions yet. While no service is live, the
+last results stay. A session that makes room for others is detected at the next query of
 all sessions, or of those that another thread names (`doubted`). `events` yields both cases; `follow` yields
 the updates alone.
 """
@@ -21,7 +22,7 @@ from dataclasses import dataclass
 from queue import SimpleQueue
 
 from caesura_clients.program_decoder import ProgramDecoder
-from caesura_clients.query import services, snapshots
+from caesura_clients.query import CONFIRM_S, services, snapshots
 from caesura_clients.refresh_backoff import RefreshBackoff, TimeShares
 from caesura_clients.results import PUBLISHED, Published, SessionReader, Update
 from caesura_clients.service_liveliness import Change, LiveServices
@@ -128,6 +129,7 @@ class _Follower:
         self._reassembler = Reassembler()
         self._programs: dict[str, ProgramDecoder] = {}  # by their keys
         self._asked_all = float("-inf")  # [s]
+        self._missing: dict[Key, float] = {}  # since when [s] query results lack a known session
 
     def apply_liveliness(self, presence: TokenChange) -> Iterator[Event]:
         """Yield a change of the service's availability, and query its sessions."""
@@ -182,6 +184,7 @@ class _Follower:
             return  # a station's program may be that of another session
         self._backoff.reset(ALL)
         self._backoff.reset((message.station, message.session))
+        self._missing.pop((message.station, message.session), None)
         reader = self._reader(message.station, message.session)
         before = reader.update
         may_ask = self._shares.allows(message.station)  # if not, the next message asks, or its silence
@@ -197,7 +200,9 @@ class _Follower:
 
     def _restart(self, known: Iterable[Snapshot]) -> Iterator[Update]:
         for snapshot in known:
-            reader = self._reader(snapshot.status.station, snapshot.status.session)
+            key = (snapshot.status.station, snapshot.status.session)
+            self._missing.pop(key, None)
+            reader = self._reader(*key)
             if reader.restart(snapshot) == "changed" and reader.update is not None:
                 yield reader.update
 
@@ -211,7 +216,12 @@ class _Follower:
             self._backoff.back_off(key)
 
     def _remove_missing(self, missing: set[Key], station: str | None = None) -> Iterator[SessionRemoved]:
-        """Remove the sessions of a station that a second, complete query does not return either."""
+        """Remove the sessions of a station that a complete query after CONFIRM_S does not return either."""
+        now = time.monotonic()
+        for key in sorted(missing):
+            if now - self._missing.setdefault(key, now) < CONFIRM_S:
+                missing = missing - {key}
+                self._backoff.hasten(key)
         again = self._ask(station, complete=True) if missing else None
         if again is None:
             for key in missing:
@@ -219,7 +229,7 @@ class _Follower:
         if again is None or not self._is_served():
             return
         for key in sorted(missing - _keys(again)):
-            del self._readers[key]
+            del self._readers[key], self._missing[key]
             self._backoff.remove(key)
             yield SessionRemoved(*key)
 

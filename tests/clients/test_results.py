@@ -10,6 +10,8 @@ from caesura_protocol.codec import Encoded, encode_error
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import service_key, session_key
 from caesura_protocol.messages import Changepoints, Phase, Posterior, Program, SessionStatus, Snapshot
+from caesura_protocol.transport.inbox import IncomingQuery
+from caesura_protocol.transport.network import Transport
 from clients.answering import Answering
 from clients.examples import changepoint, example, segments, snapshot
 
@@ -266,6 +268,33 @@ def test_what_a_restarted_service_no_longer_has_is_forgotten(network):
     assert ServiceAvailability("there") in seen
     assert SessionRemoved("cell-1", "old") in seen
     assert {event.session for event in seen if isinstance(event, Update)} == {"new"}
+
+
+class Successor(Answering):
+    """Takes a session over after two queries for it."""
+
+    def __init__(self, transport: Transport, taken: Snapshot) -> None:
+        super().__init__(transport, "b")
+        self.taken, self.queries = taken, 0
+
+    def _answer(self, question: IncomingQuery) -> None:
+        self.snapshots = [self.taken] if self.queries >= 2 else []
+        self.queries += question.key.endswith("snapshot")
+        super()._answer(question)
+
+
+def test_what_the_next_instance_is_about_to_take_over_is_not_forgotten(memory):
+    """A page showed for a moment that nothing had been taught: the owner had just been killed."""
+    known = snapshot(4, "motion")
+    with Successor(memory.transport(), snapshot(0, "hold", epoch=9, instance="b")) as successor:
+        with Answering(memory.transport(), "a") as owner:
+            owner.snapshots = [known]
+            happening = reported(memory, silence_s=0.5)
+            assert kinds(next(happening)) == ["motion"]
+        successor.queries = 0
+        seen = list(happening)
+    assert [kinds(event) for event in seen if isinstance(event, Update)] == [["hold"]]
+    assert [event for event in seen if isinstance(event, SessionRemoved)] == []
 
 
 def test_what_a_busy_instance_has_is_not_forgotten(memory):

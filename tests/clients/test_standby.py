@@ -151,7 +151,7 @@ def test_a_stop_at_a_service_that_lacks_batches_ends_once_it_has_them(over):
             service.hold = False
             assert stopped.result(DEADLINE_S).session == session
         assert (service.state, service.next_seq) == ("closed", 2)
-        assert standby.status.outcome == "closed with 2 batches"
+        assert standby.status.outcome == "is stored"
         over.set()
 
 

@@ -107,11 +107,16 @@ def test_every_page_has_a_purpose_and_is_accessible(stage: Stage, visitor: Visit
 
 def test_a_barrier_is_found_in_the_part_that_is_looked_at(visitor: Visitor):
     pale = "<p style='color: #ccc; background: #fff'>pale</p>"
+    unlike = "<button aria-label='Duplicate app 1'>Copy</button>"
     visitor.page.set_content(
-        f"<main><div class='new'><button></button>{pale}</div><div class='old'>A</div></main>"
+        f"<main><div class='new'><button></button>{pale}{unlike}</div><div class='old'>A</div></main>"
     )
     found = visitor.barriers(within=".new")
-    assert {one.partition(":")[0] for one in found} == {"button-name", "color-contrast"}
+    assert {one.partition(":")[0] for one in found} == {
+        "button-name",
+        "color-contrast",
+        "label-content-name-mismatch",
+    }
     assert [one.partition(":")[0] for one in visitor.barriers("color-contrast", within=".new")] == [
         "color-contrast"
     ]

@@ -75,9 +75,9 @@ def test_a_journal_in_trouble_in_memory_or_full_is_said():
     [
         ({}, "ok", "in standby, waits for a start; no session is open"),
         (
-            {"last_session": "s1", "outcome": "closed with 9 batches; the source has ended"},
+            {"last_session": "s1", "outcome": "is stored; the source has ended"},
             "ok",
-            "s1 closed with 9 batches; the source has ended",
+            "s1 is stored; the source has ended",
         ),
         ({"problem": "the button was pressed, and nothing began"}, "warn", "in standby: the button"),
         (

@@ -88,6 +88,24 @@ def test_a_session_that_is_over_can_still_be_corrected(stage: Stage, visitor: Vi
     expect(page.locator(".message")).to_contain_text("Undone")
 
 
+def test_a_list_that_shows_itself_folds_with_the_next_session(stage: Stage, visitor: Visitor):
+    """It stayed open and stated that nothing had been corrected."""
+    teach(stage, "cell-fold")
+    visitor.is_called("Ann", stage.dashboard.url)
+    page = visitor.page
+    page.goto(f"{stage.dashboard.url}/station/cell-fold")
+    expect(page.locator(".app").first).to_be_visible()
+    for key in ("Home", "Shift+ArrowRight", "Enter"):
+        page.locator(".plots").press(key)
+    corrections = page.locator(".corrections")
+    expect(corrections.locator("summary")).to_have_text("Corrections: 1")
+    expect(corrections.locator("li")).to_be_visible()
+    stage.teach("cell-fold", guided(1), session="second", pace="fast")
+    stage.wait("cell-fold")
+    expect(corrections.locator("summary")).to_have_text("Corrections: 0")
+    expect(corrections.locator("p")).to_be_hidden()
+
+
 def times_of_day(page: Page) -> list[str]:
     """Lines that a page shows or names with a time of day in seconds."""
     page.evaluate(READ)  # what is folded is made by then

@@ -89,7 +89,8 @@ def teach(stage: Stage, visitor: Visitor) -> str:
         "Signals and segments are drawn here once a demonstration begins."
     )
     expect(page.locator(".plots")).to_be_hidden()
-    for tools in (".scrub", ".signals"):  # there is nothing to zoom or to choose yet
+    expect(page.locator(".state-line"), "the state stands beside Start").to_have_text("")
+    for tools in (".scrub", ".signals", ".table"):  # there is nothing to zoom, to choose or to list yet
         expect(page.locator(tools)).to_have_count(0)
     looks_right(visitor, "day-ready")
 

@@ -263,10 +263,10 @@ class SessionPage:
 def line_of(seen: StationSummary, update: Update | None) -> str:
     """Return the line on a station's session: its gaps, its wrench, its last sample and its times.
 
-    Without a session it is the station's state. With one, that state is shown above Start and Stop.
+    The station's state is shown beside Start and Stop. Without a session there is nothing else to state.
     """
     if update is None:
-        return f"{seen.said}."
+        return ""
     parts = [f"session {update.session}", _gaps(seen.gaps), _wrench(update.status)]
     if update.closed:
         parts.insert(1, length_words(update))

@@ -11,7 +11,7 @@ export default {
   emits: ["edit", "preview"],
   data: () => ({ chosen: null, since: "" }),
   template: `
-    <details class="corrections" :open="isOpen" @toggle="chosen = $event.target.open"><summary>Corrections: {{ rows.length || !revision ? rows.length : "not listed" }}</summary>
+    <details class="corrections" :open="isOpen" @toggle="toggled($event.target.open)"><summary>Corrections: {{ rows.length || !revision ? rows.length : "not listed" }}</summary>
       <p v-if="!rows.length" class="empty">{{ revision ? unlisted : "Nothing has been corrected." }}</p>
       <ol v-if="rows.length" tabindex="0" aria-label="Corrections, the newest first">
         <li v-for="[number, words, at, state, reason] in newestFirst" :key="number" :class="state">
@@ -49,6 +49,9 @@ export default {
     },
   },
   methods: {
+    toggled(open) { // by an operator: a list that shows itself is not chosen
+      if (open !== this.isOpen) this.chosen = open;
+    },
     pointing(number) {
       return pointing(() => this.$emit("preview", { do: "take_back", number }), this.rest);
     },

@@ -54,7 +54,7 @@ const corrections = `
     :effect="effectAt === 'list' ? effect : null" @edit="edit" @preview="(action) => preview(action, 'list')"></corrections>`;
 
 const table = `
-  <details class="table" @toggle="listed = $event.target.open"><summary>Segments as a table</summary>
+  <details v-if="session" class="table" @toggle="listed = $event.target.open"><summary>Segments as a table</summary>
     <div v-if="listed" class="scroll" tabindex="0" role="region" aria-label="Segments as a table"><table><thead><tr><th scope="col">from</th><th scope="col">to</th><th scope="col">kind</th><th scope="col">probability</th>
       <th scope="col">else</th><th scope="col">state</th><th scope="col">select</th></tr></thead>
     <tbody><tr v-for="one in newestFirst" :key="one[0]">

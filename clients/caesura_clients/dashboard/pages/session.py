@@ -59,7 +59,7 @@ class SessionPage:
         with page(title, "/" if session is None else "/sessions"), Element("div").classes("workspace"):
             with Element("div").classes("work"):
                 self._banner = Banner()
-                self._line = text("p", "").classes("state-line").props('aria-label="State"')
+                self._line = text("p", "").classes("state-line")
                 self._start_stop = StartStop(self._controls(), self._ask) if session is None else None
                 self._hints = (
                     HintBanner(banner_of(None)) if session is None else None

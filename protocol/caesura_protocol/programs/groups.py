@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Annotated
@@ -36,8 +37,9 @@ def groups_of(apps: Sequence[App], phases: Sequence[Phase]) -> tuple[Group, ...]
     groups: list[Group] = []
     if len(phases) < 2:
         return ()
+    phases = tuple(phases)  # stored ones are decoded once
     counts: Counter[str] = Counter()
-    owners = [_phase_of(app, phases) for app in apps]
+    owners = _phases_of(apps, phases)
     for number, phase in enumerate(phases):
         members = [index for index, owner in enumerate(owners) if owner == number]
         apart = bool(members) and members[-1] - members[0] + 1 > len(members)
@@ -53,7 +55,8 @@ def ungrouped_notes(apps: Sequence[App], phases: Sequence[Phase]) -> Iterator[st
 
     apps: as they were inferred. A phase without a name in which no app acts is a rest, and needs no note.
     """
-    owners = {_phase_of(app, phases) for app in apps}
+    apps, phases = tuple(apps), tuple(phases)  # stored ones are decoded once
+    owners = set(_phases_of(apps, phases))
     for number, phase in enumerate(phases):
         if number in owners or len(phases) < 2:
             continue
@@ -91,9 +94,11 @@ def renamed(groups: Sequence[Group], names: Sequence[str]) -> tuple[Group, ...]:
     return tuple(found)
 
 
-def _phase_of(app: App, phases: Sequence[Phase]) -> int:
-    """Return the number of the last phase that begins no later than the app."""
+def _phases_of(apps: Sequence[App], phases: Sequence[Phase]) -> list[int]:
+    """Return the number of the last phase that begins no later than each app. phases: in order."""
+    firsts, starts = [one.first_segment for one in phases], [one.t0 for one in phases]
     begun = (
-        phase.first_segment <= app.segments[0] if app.segments else phase.t0 <= app.t0 for phase in phases
+        bisect_right(firsts, app.segments[0]) if app.segments else bisect_right(starts, app.t0)
+        for app in apps
     )
-    return max(sum(begun) - 1, 0)
+    return [max(count - 1, 0) for count in begun]

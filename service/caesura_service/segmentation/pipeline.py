@@ -289,10 +289,12 @@ class SegmentationPipeline:
         other._heeded = FilterConstraints(corrections)
         other._program, other._looked = other._growing(), _NEVER
         other._begin(tared=self._division.tared)
+        other._finished = False  # what a finished one states, an hour would state every fifteen seconds
         for index in range(len(self._history)):
             other._step(index)
             other._keep_up()  # an hour of it, all at once at the end, would be one slice
             give_way()
+        other._finished, other._looked = self._finished, _NEVER
         if self._finished:
             other._close_hints()
         other.refresh()

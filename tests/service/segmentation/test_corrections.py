@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from caesura_protocol.messages import (
     LimitForce,
     Move,
     NamePhase,
+    Phase,
     Redo,
     Relabel,
     Remove,
@@ -25,15 +27,17 @@ from caesura_protocol.messages import (
 )
 from caesura_protocol.programs.groups import groups_of
 from caesura_service.changepoint.preset import STEP_S
+from caesura_service.offline_segmentation import batches, opening_of
 from caesura_service.segmentation.corrections import (
     AHEAD_S,
     EditHistory,
     ResolvedEdit,
     correction_of,
 )
-from caesura_service.segmentation.encoded_log import MessageSequence
+from caesura_service.segmentation.encoded_log import EncodedMessageLog, MessageSequence
 from caesura_service.segmentation.pipeline import make_pipeline
 from caesura_service.segmentation.view import Pipeline, PipelineView
+from harness.demonstrations import taught as many_strokes
 from service.segmentation.corrected import SHORT, begun, edit, fed, refusal, taught, times, whole, with_one
 
 LOST = range(200, 212)  # batches that never come, in the demonstration with a hole
@@ -327,6 +331,39 @@ def plain(threshold: float | None, lost: range, count: int = SHORT) -> Pipeline:
 @given(st.integers(0, 2**32 - 1), st.booleans())
 def test_edits_at_any_moment_are_as_if_they_had_been_known_from_the_first_sample_on(seed: int, holed: bool):
     check_same(seed, None, LOST if holed else range(0))
+
+
+def strokes(seconds: float, end: int | None = None) -> Pipeline:
+    """A demonstration of strokes that has ended, after so many batches."""
+    recording = many_strokes(3, seconds)
+    pipeline = make_pipeline(opening_of(recording, "default"), "default")
+    for batch in list(batches(recording))[:end]:
+        pipeline.push(batch)
+    pipeline.finish()
+    return pipeline
+
+
+@pytest.mark.parametrize("end", range(277, 284))
+def test_a_corrected_session_is_finished_wherever_it_ends(end: int):
+    """Settled segments are stored every 150 observations, also at the last one."""
+    pipeline = strokes(29.0, end)
+    assert pipeline.corrected([]).view == pipeline.view
+
+
+def test_a_correction_decodes_each_phase_a_few_times_however_many_apps_there_are(monkeypatch):
+    """Of an hour, each app decoded all phases, at each 15 s: no preview was answered in four minutes."""
+    pipeline, decoded = strokes(90.0), 0
+    read = EncodedMessageLog.read
+
+    def counting(log: EncodedMessageLog[Any], start: int, stop: int) -> tuple[Any, ...]:
+        nonlocal decoded
+        decoded += stop - start if log._model is Phase else 0
+        return read(log, start, stop)
+
+    monkeypatch.setattr(EncodedMessageLog, "read", counting)
+    view = pipeline.corrected([]).view
+    assert len(view.apps) > 50
+    assert decoded <= 4 * len(view.phases)
 
 
 @pytest.mark.parametrize(("name", "number"), [("pick_and_place", 8), ("three_point", 4), ("three_point", 11)])

@@ -283,7 +283,7 @@ def _zip_file(site: Site, named: list[tuple[str, str]]) -> Response:
 
 
 async def _read_at_first(site: Site, *named: tuple[str, str]) -> None:
-    """Read stored sessions for a page, which is built after FIRST_S all the same and then reads them again."""
+    """Read stored sessions for a page, which is built after FIRST_S in any case and reads them again."""
     await asyncio.wait([background_tasks.create(_read(site, *named))], timeout=FIRST_S)
 
 

@@ -40,6 +40,7 @@ class FakeService:
         self.openings: list[Open] = []
         self.beats: list[Heartbeat] = []
         self.state = "open"
+        self.lost = 0  # batches, of which a close tells
         self.hold = False
         self.asks = True  # for what it misses
         self.reads_up = True  # False: it ignores which way is up, as an older service
@@ -122,7 +123,9 @@ class FakeService:
             question.refuse(encode_error(refusal))
             return
         up = self.openings[-1].up if self.openings and self.reads_up else None
-        ack = Ack(session=command.session, next_seq=self.next_seq, state=self.state, up=up)
+        ack = Ack(
+            session=command.session, next_seq=self.next_seq, state=self.state, up=up, lost=self.lost
+        )
         question.reply(question.key, encode(ack))
 
     def _close(self, station: str, close: Close) -> ProtocolError | None:

@@ -124,8 +124,12 @@ def test_a_start_that_the_journal_cannot_record_says_why(monkeypatch, over):
         assert why.value.code == "overloaded"
 
 
-def test_a_stop_at_a_service_that_lacks_batches_ends_once_it_has_them(over):
-    """A close that was refused because batches were missing once ended the demonstration with an error."""
+@pytest.mark.parametrize(("lost", "outcome"), [(0, "is stored"), (1, "is stored; 1 of 2 batches are lost")])
+def test_a_stop_at_a_service_that_lacks_batches_ends_once_it_has_them(over, lost, outcome):
+    """A close that was refused because batches were missing once ended the demonstration with an error.
+
+    Lost ones were stated without a semicolon, and so not on the page of the station.
+    """
     network, given = MemoryNetwork(), threading.Event()
 
     def one_chunk() -> Iterator:
@@ -141,7 +145,7 @@ def test_a_stop_at_a_service_that_lacks_batches_ends_once_it_has_them(over):
         eventually(lambda: standby.status.state == "ready")
         operator = network.transport()
         session = describing.start(operator, STATION).session
-        service.hold = True
+        service.hold, service.lost = True, lost
         given.set()
         eventually(lambda: service._held)
         with ThreadPoolExecutor(1) as pool:
@@ -151,7 +155,7 @@ def test_a_stop_at_a_service_that_lacks_batches_ends_once_it_has_them(over):
             service.hold = False
             assert stopped.result(DEADLINE_S).session == session
         assert (service.state, service.next_seq) == ("closed", 2)
-        assert standby.status.outcome == "is stored"
+        assert standby.status.outcome == outcome
         over.set()
 
 

@@ -159,6 +159,17 @@ def test_a_press_that_began_nothing_is_explained_where_start_is():
     )
 
 
+@pytest.mark.parametrize(
+    ("outcome", "shown"), [("is stored", ""), ("is stored; 3 of 9 batches are lost", "s1 {}.")]
+)
+def test_lost_batches_of_the_last_demonstration_are_stated_where_stop_is(outcome: str, shown: str):
+    status = BridgeStatus(
+        station="cell-9", bridge="b", state="ready", source="franky", last_session="s1", outcome=outcome
+    )
+    there = DashboardState(bridges=frozenset({"cell-9"}), standby={"cell-9": status}, alive=True)
+    assert controls(there, "cell-9", may_operate=True)["outcome"] == shown.format(outcome)
+
+
 def test_overload_and_gaps_are_reported_and_counted(world):
     gap = Gap(t0=1.0, tn=2.0, reason="evicted")
     one = seen(changed(world, overloaded=True, gaps=(gap,), gaps_before=3))

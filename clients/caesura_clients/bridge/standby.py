@@ -293,9 +293,7 @@ class Standby:
             else:
                 one.lost = ack.lost
                 whole = counted(ack.next_seq, "batch")
-                return (
-                    f"is stored without {ack.lost} of {whole}, lost on the way" if ack.lost else "is stored"
-                )
+                return f"is stored; {ack.lost} of {whole} are lost" if ack.lost else "is stored"
 
     # --- sessions that a bridge has left open -----------------------------------------------------------
 

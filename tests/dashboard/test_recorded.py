@@ -228,14 +228,13 @@ def test_values_are_read_at_the_time_that_keys_choose(visitor: Visitor, hour):
     for key in ("Home", *"+++++++++", *["Shift+ArrowRight"] * 3):
         plots.press(key)
     settled(page)
-    origin = page.evaluate("() => document.querySelector('.plots').plots.state.origin[0]")
 
     def shown_of(t: float) -> str:
-        return f"{1000.0 * (hour[round(100 * t), COLUMNS.index('px')] - origin):.1f}"
+        return f"{hour[round(100 * t), COLUMNS.index('fx')] - 0.5:.2f}"  # less its tare
 
-    value = page.locator("[data-signal=position] output").first
+    value = page.locator("[data-signal=force] output").first
     expect(value).to_have_text(shown_of(3.0))
-    box = page.locator("[data-signal=position] .u-over").bounding_box()
+    box = page.locator("[data-signal=force] .u-over").bounding_box()
     assert box is not None
     page.mouse.move(box["x"] + box["width"] / 4, box["y"] + 60)
     expect(value).not_to_have_text(shown_of(3.0))
@@ -243,6 +242,10 @@ def test_values_are_read_at_the_time_that_keys_choose(visitor: Visitor, hour):
     expect(value).to_have_text(shown_of(3.0))
     plots.press("Shift+ArrowRight")
     expect(value).to_have_text(shown_of(4.0))
+    for _ in range(4):
+        plots.press(".")
+    settled(page)
+    expect(value, "out of view it is not missing").to_have_text("")
     plots.press("Home")
 
 

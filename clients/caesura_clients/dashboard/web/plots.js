@@ -136,8 +136,9 @@ export class Plots {
   }
   // The values in the title of a panel: at the time under the pointer, or else at the chosen one.
   read(u, panel) {
-    const held = this.plots.get(panel.name);
-    if (held) this.say(held, u.cursor.left >= 0 ? u.posToVal(u.cursor.left, "x") : this.state.cursor);
+    const held = this.plots.get(panel.name), { cursor } = this.state, [from, to] = this.state.view();
+    const chosen = cursor !== null && cursor >= from && cursor <= to ? cursor : null; // of what is out of view nothing is known
+    if (held) this.say(held, u.cursor.left >= 0 ? u.posToVal(u.cursor.left, "x") : chosen);
   }
   say({ panel, values }, t) {
     const { data, segments, changepoints } = this.state;

@@ -45,6 +45,11 @@ expect.set_options(timeout=PATIENCE_MS)
 OVER = ("cell-1", "over")
 
 
+# As the dashboard answers where the service did not answer in time.
+FAILED = """() => runMethod(+document.querySelector(".program").closest("[id^=c]").id.slice(1), "compared",
+  [{ said: "Not compared: the service is busy.", failed: true, rows: [] }])"""
+
+
 def moved(app: App) -> App:
     return app.model_copy(update={"changes": (AppChange(field="place", author="Ann", edit=1),)})
 
@@ -150,6 +155,9 @@ def test_an_operator_compares_versions_by_keyboard_and_after_a_restart(opened: V
         expect(said).to_have_text("1 app differs.")
         expect(rows.locator("dl div")).to_have_text(values)
         visitor.picture("versions-two")
+        page.evaluate(FAILED)
+        expect(said).to_have_text("Not compared: the service is busy.")
+        expect(said, "it is asked again").to_have_text("1 app differs.")
 
         with closing(Bridges(service, tmp_path)) as bridges, bridges.reader() as caesura:
             edit(caesura, Undo())

@@ -1,4 +1,6 @@
 // Two versions of the program: which apps differ, and in which values. A version is the program up to one of its edits.
+const AGAIN_MS = 5000; // after which a comparison that failed is asked for again: the service was busy or away
+
 export default {
   props: { edits: Array },
   emits: ["compare"],
@@ -40,12 +42,16 @@ export default {
       if (JSON.stringify(now) !== JSON.stringify(before)) this.ask();
     },
   },
+  unmounted() {
+    clearTimeout(this.again);
+  },
   methods: {
     toggled(open) {
       this.open = open;
       if (open) this.ask();
     },
     ask() { // one question at a time, then one for what is chosen by then
+      clearTimeout(this.again);
       if (!this.has(this.from)) this.from = 0;
       if (!this.open || this.asking) {
         this.isLate = this.asking;
@@ -57,6 +63,7 @@ export default {
     compared(found) {
       this.asking = false;
       if (this.isLate) return this.ask();
+      if (found.failed) this.again = setTimeout(() => this.ask(), AGAIN_MS);
       Object.assign(this, found.failed ? { found: null, message: found.said } : { found: Object.freeze(found), message: "" });
     },
   },

@@ -48,8 +48,8 @@ export default {
       <ul v-if="program && program.findings.length" class="findings" aria-label="Check of the program">
         <li v-for="[severity, reason] in program.findings" :key="reason" :class="severity">{{ severity }}: {{ reason }}</li>
       </ul>
-      <p v-if="program && program.before" class="empty">The newest {{ program.apps.length }} apps; {{ program.before }} come
-        before them.</p>
+      <p v-if="program && program.before" class="empty">The newest {{ program.apps.length }} apps. {{ program.before }} come
+        before them: they are in each export, and caesura edit-program changes them.</p>
       <ol v-if="program && program.apps.length" ref="apps" class="apps" tabindex="0" aria-label="Apps in order">
         <app-card v-for="app in program.apps" :key="key(app)" :app="app" :start="program.start" :editable="editable" :sessions="program.sessions" :kinds="program.kinds"
           :busy="busy" @edit="say"></app-card>

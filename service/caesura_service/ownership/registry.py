@@ -16,10 +16,8 @@ state (`held_sessions`).
 
 from __future__ import annotations
 
-import time
 from collections.abc import Generator, Iterable, Mapping, Set
 from contextlib import suppress
-from math import inf
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import (
@@ -43,7 +41,6 @@ from caesura_service.journal import (
     JournalError,
     JournalSupersededError,
     Key,
-    PeerJournalError,
     PeerJournals,
 )
 from caesura_service.ownership.closed_session_rebuilder import ClosedSessionRebuilder
@@ -52,9 +49,9 @@ from caesura_service.ownership.journal_refusals import AS_OVERLOADED
 from caesura_service.ownership.session_copies import JournalSet, SessionCopies
 from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.ownership.station_limit import StationLimit, last_opened
-from caesura_service.ownership.station_ownership import IN_TAKEOVER, StationOwnership
+from caesura_service.ownership.station_ownership import StationOwnership
 from caesura_service.ownership.stored_sessions import StoredSessions
-from caesura_service.ownership.takeover import NotRecordedError, SessionFactory, Takeover, is_behind
+from caesura_service.ownership.takeover import SessionFactory, Takeover, is_behind
 from caesura_service.ownership.takeovers_in_turns import TakeoversInTurns
 from caesura_service.program.taught_again import apps_for
 from caesura_service.publishing.events import (
@@ -115,25 +112,15 @@ class Registry:
 
     # --- whose stations are whose -----------------------------------------------------------------------
 
-    def restore(
-        self, now: float = 0.0, stations: Set[str] | None = None, *, most_s: float = inf
-    ) -> list[TakeoverFailed]:
+    def restore(self, now: float = 0.0, stations: Set[str] | None = None) -> list[TakeoverFailed]:
         """Take over these stations, or all with a session; return the sessions that could not be taken over.
 
-        The takeover of a station whose records cannot be read or copied must be repeated, and that of one
-        which is not finished within most_s.
+        The takeover of a station whose records cannot be read or copied must be repeated.
         """
-        failed: list[TakeoverFailed] = []
-        until, turns = time.monotonic() + most_s, TakeoversInTurns()
+        turns = TakeoversInTurns()
         for station in sorted(self.known_stations() if stations is None else stations):
             turns.begin(station, self.take_over(station, now))
-        while turns and time.monotonic() < until:
-            with suppress(NotRecordedError, PeerJournalError):  # it is tried again
-                outputs = turns.step(turns.next_station()) or ()
-                failed += [output for output in outputs if isinstance(output, TakeoverFailed)]
-        for station in turns.cancel_all():
-            self.ownership.fall_behind(station, IN_TAKEOVER)
-        return failed
+        return turns.complete()
 
     def known_stations(self) -> Set[str]:
         """Stations with a session, in memory or in a journal. Raises JournalError."""

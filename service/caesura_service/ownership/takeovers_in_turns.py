@@ -7,8 +7,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Set
+from contextlib import suppress
+from math import inf
 
-from caesura_service.publishing.events import Output
+from caesura_service.journal import PeerJournalError
+from caesura_service.ownership.takeover import NotRecordedError
+from caesura_service.publishing.events import Output, TakeoverFailed
 
 Takeover = Generator[list[Output], None, None]
 
@@ -59,9 +63,15 @@ class TakeoversInTurns:
         if (work := self._under_way.pop(station, None)) is not None:
             work.close()
 
-    def cancel_all(self) -> list[str]:
-        """Give up all takeovers; return their stations."""
-        stations = [*self.stations]
-        for station in stations:
-            self.cancel(station)
-        return stations
+    def complete(self, most_s: float = inf) -> list[TakeoverFailed]:
+        """Continue all for most_s at most; return the sessions that could not be taken over.
+
+        The takeover of a station whose records cannot be read or copied ends, and must be repeated.
+        """
+        failed: list[TakeoverFailed] = []
+        until = self._clock() + most_s
+        while self and self._clock() < until:
+            with suppress(NotRecordedError, PeerJournalError):
+                outputs = self.step(self.next_station()) or ()
+                failed += [output for output in outputs if isinstance(output, TakeoverFailed)]
+        return failed

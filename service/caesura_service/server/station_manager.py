@@ -77,7 +77,10 @@ class StationManager:
         served = self._assigned_stations(known)
         self._owned = known if served is None else served
         most_s = START_S if served is None else inf  # other instances serve the stations meanwhile
-        missing = self._registry.restore(now, self._owned, most_s=most_s)
+        for station in sorted(self._owned):
+            self._registry.ownership.begin_takeover(station)  # some may not have their turn in that time
+            self._begin_takeover(station, now, renew=True)
+        missing = self._takeovers.complete(most_s)
         self._registry.ownership.served = served
         self._polls_s = [float("inf")]  # until the last owner can learn that it has lost them
         self._update_settling()
@@ -86,7 +89,7 @@ class StationManager:
         return missing
 
     def _log_start(self, took_s: float) -> None:
-        if left := self._registry.ownership.superseded:
+        if left := self._takeovers.stations:
             logger.info("other stations are served while these are taken over: %s", ", ".join(sorted(left)))
         if states := self._registry.index.all_states():
             opened = sum(state.is_open for state in states)
@@ -153,11 +156,14 @@ class StationManager:
         self._take_back_superseded()
         if now >= self._next_takeover_s:
             for station in [station for station in self._queue if station not in self._takeovers.stations]:
-                renew = self._renews[station] = self._queue.pop(station)
-                self._takeovers.begin(station, self._registry.take_over(station, now, renew=renew))
+                self._begin_takeover(station, now, renew=self._queue.pop(station))
         outputs = self._continue_takeover()
         self._update_settling()
         return outputs
+
+    def _begin_takeover(self, station: str, now: float, *, renew: bool) -> None:
+        self._renews[station] = renew
+        self._takeovers.begin(station, self._registry.take_over(station, now, renew=renew))
 
     def _take_back_superseded(self) -> None:
         """Take over again the stations of this instance that another one has acquired."""

@@ -63,20 +63,30 @@ def test_one_that_fails_ends_and_the_others_go_on():
     assert not turns
 
 
-def test_those_that_are_given_up_are_closed_and_named():
+def test_what_is_not_complete_in_its_time_goes_on_later():
+    clock = Clock()
+    turns = TakeoversInTurns(clock)
+    turns.begin("long", lasting(clock, *100 * [1.0]))
+    turns.begin("short", lasting(clock, 0.1))
+    assert turns.complete(5.0) == []
+    assert ([*turns.stations], clock.s) == (["long"], pytest.approx(5.1))
+    assert turns.complete() == []
+    assert (bool(turns), clock.s) == (False, pytest.approx(100.1))
+
+
+def test_one_that_is_given_up_is_closed():
     clock, closed = Clock(), []
 
-    def closing(name: str) -> Iterator[list[object]]:
+    def closing() -> Iterator[list[object]]:
         try:
             yield []
             yield []
         finally:
-            closed.append(name)
+            closed.append(True)
 
     turns = TakeoversInTurns(clock)
-    for name in ("a", "b"):
-        turns.begin(name, closing(name))
+    turns.begin("a", closing())
     turns.step("a")
     turns.cancel("c")
-    assert turns.cancel_all() == ["a", "b"]
-    assert (closed, bool(turns)) == (["a"], False), "b had not begun"
+    turns.cancel("a")
+    assert (closed, bool(turns)) == ([True], False)

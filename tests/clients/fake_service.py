@@ -123,9 +123,7 @@ class FakeService:
             question.refuse(encode_error(refusal))
             return
         up = self.openings[-1].up if self.openings and self.reads_up else None
-        ack = Ack(
-            session=command.session, next_seq=self.next_seq, state=self.state, up=up, lost=self.lost
-        )
+        ack = Ack(session=command.session, next_seq=self.next_seq, state=self.state, up=up, lost=self.lost)
         question.reply(question.key, encode(ack))
 
     def _close(self, station: str, close: Close) -> ProtocolError | None:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from caesura_lab.annotations import SUFFIX, read_annotation
+from caesura_lab.ground_truth import SUFFIX, read_annotation
 from caesura_protocol.errors import CaesuraError
 
 FIRST = Path(__file__).resolve().parents[1] / "data" / "real"

@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from caesura_protocol.codec import encode, pack_samples
-from caesura_protocol.extremes import packed
 from caesura_protocol.messages import (
     Ack,
     App,
@@ -89,6 +88,7 @@ from caesura_protocol.messages import (
     ViaPoint,
     WrenchReport,
 )
+from caesura_protocol.minmax_decimation import packed
 
 VECTORS = Path(__file__).resolve().parents[1] / "tests" / "vectors"
 SESSION = "s20260314-092653-58af"

@@ -61,7 +61,7 @@ LONG = (
     "tests/service/changepoint/test_compiled_filter.py",
     "tests/service/segmentation/",
     "tests/service/journal/test_reserve.py",
-    "tests/protocol/test_payload_limits.py",
+    "tests/protocol/test_payload_unpack_limits.py",
     "tests/lab/",
     "tests/acceptance/",
     "tests/clients/",

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from caesura_clients.client import Caesura, connect
-    from caesura_clients.results import Update
+    from caesura_clients.session_state_reader import Update
     from caesura_protocol.errors import (
         AccessDenied,
         CaesuraError,
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _PLACES = {
     "Caesura": ("caesura_clients.client", "Caesura"),
     "connect": ("caesura_clients.client", "connect"),
-    "Update": ("caesura_clients.results", "Update"),
+    "Update": ("caesura_clients.session_state_reader", "Update"),
     "AccessDenied": ("caesura_protocol.errors", "AccessDenied"),
     "CaesuraError": ("caesura_protocol.errors", "CaesuraError"),
     "NotFound": ("caesura_protocol.errors", "NotFound"),

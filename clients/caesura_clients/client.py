@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
-from caesura_clients import describing, program_editing, query
+from caesura_clients import demonstration_control, program_editing, query
 from caesura_clients.bridge import Bridge, BridgeSettings, Source
-from caesura_clients.editing import edit, preview
-from caesura_clients.following import follow
 from caesura_clients.query import SessionInfo
-from caesura_clients.results import Update
+from caesura_clients.session_corrections import edit, preview
+from caesura_clients.session_follower import follow
+from caesura_clients.session_state_reader import Update
 from caesura_protocol.errors import CaesuraError, ProtocolError
-from caesura_protocol.extremes import unpack_points
+from caesura_protocol.gap_free_sample_runs import SPEED
 from caesura_protocol.keys import SampleRange
 from caesura_protocol.messages import (
     COLUMNS_OF_SIGNAL,
@@ -44,9 +44,9 @@ from caesura_protocol.messages import (
     TakeBack,
     Undo,
 )
-from caesura_protocol.sample_runs import SPEED
-from caesura_protocol.transport.endpoints import ENDPOINT_VARIABLE
-from caesura_protocol.transport.network import Transport
+from caesura_protocol.minmax_decimation import unpack_points
+from caesura_protocol.transport.default_endpoint import ENDPOINT_VARIABLE
+from caesura_protocol.transport.transport_interface import Transport
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from caesura_protocol.validation_words import first_finding
 
@@ -185,15 +185,15 @@ class Caesura:
 
     def start(self, station: str, description: Description | None = None) -> BridgeAck:
         """Start a demonstration at a bridge in standby (`describing.start`)."""
-        return describing.start(self.transport, station, description)
+        return demonstration_control.start(self.transport, station, description)
 
     def stop(self, station: str, *, success: bool | None = None) -> BridgeAck:
         """Stop a station's demonstration, and state whether it succeeded (`describing.stop`)."""
-        return describing.stop(self.transport, station, success=success)
+        return demonstration_control.stop(self.transport, station, success=success)
 
     def describe(self, station: str, session: str, *, author: str, **changes: Any) -> Ack:
         """Change fields of a session's description, such as `task="wipe"` (`describing.describe`)."""
-        return describing.describe(self.transport, station, session, author=author, **changes)
+        return demonstration_control.describe(self.transport, station, session, author=author, **changes)
 
     def edit_program(
         self, station: str, session: str, action: ProgramAction, *, author: str, revision: int | None = None

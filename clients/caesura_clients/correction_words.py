@@ -22,7 +22,7 @@ from caesura_protocol.messages import (
     Since,
 )
 from caesura_protocol.number_words import counted, fixed
-from caesura_protocol.session_clock import NO_OFFSET, SessionClock
+from caesura_protocol.session_time_display import NO_OFFSET, SessionClock
 
 _WORDS: Mapping[str, str] = {
     "insert": "inserted a changepoint at {t} s",

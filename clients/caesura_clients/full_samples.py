@@ -11,16 +11,16 @@ from typing import NamedTuple
 import numpy as np
 
 from caesura_clients import query
-from caesura_clients.results import Update
-from caesura_clients.stated_recording import stated_recording
+from caesura_clients.session_state_reader import Update
+from caesura_clients.session_to_recording import stated_recording
 from caesura_protocol.errors import CaesuraError, ProtocolError
-from caesura_protocol.extremes import unpack_points
 from caesura_protocol.formats.raw_recording import Array
+from caesura_protocol.gap_free_sample_runs import SPEED
 from caesura_protocol.keys import MAX_BINS, MIN_BIN_S, SampleRange
 from caesura_protocol.messages import Gap, RecordedSamples
+from caesura_protocol.minmax_decimation import unpack_points
 from caesura_protocol.recording import Recording
-from caesura_protocol.sample_runs import SPEED
-from caesura_protocol.transport.network import QUERY_TIMEOUT_S, Transport
+from caesura_protocol.transport.transport_interface import QUERY_TIMEOUT_S, Transport
 
 MOST_VALUES = 20_000_000  # of a recording: half an hour at 1 kHz with ten columns
 SHORTEST_STEP = 1 / 8  # of the mean one, for samples that do not come evenly

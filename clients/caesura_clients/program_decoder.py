@@ -15,7 +15,7 @@ import msgpack  # type: ignore[import-untyped]
 
 from caesura_protocol.codec import decode, encoding_of
 from caesura_protocol.messages import MAX_WHOLE_BYTES, App, Program
-from caesura_protocol.payload_limits import PER_CONTAINER
+from caesura_protocol.payload_unpack_limits import PER_CONTAINER
 
 APPS = "apps"
 BLOCK = 4096  # bytes that are compared at once

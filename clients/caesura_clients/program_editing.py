@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from caesura_clients import query
-from caesura_clients.editing import send
+from caesura_clients.session_corrections import send
 from caesura_protocol.app_kinds import app_title
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import (
@@ -29,8 +29,8 @@ from caesura_protocol.messages import (
     ReplacePart,
     Undo,
 )
-from caesura_protocol.session_clock import NO_OFFSET, SessionClock
-from caesura_protocol.transport.network import Transport
+from caesura_protocol.session_time_display import NO_OFFSET, SessionClock
+from caesura_protocol.transport.transport_interface import Transport
 
 HALF = 0.5  # of the time of an app
 

@@ -39,7 +39,7 @@ from caesura_protocol.messages import (
     ServiceStatus,
     Snapshot,
 )
-from caesura_protocol.transport.network import (
+from caesura_protocol.transport.transport_interface import (
     NOTHING,
     QUERY_TIMEOUT_S,
     IncompleteAnswerError,
@@ -196,8 +196,8 @@ def samples(
 ) -> RecordedSamples:
     """Return the samples of a session in a range: the extremes of every column in each bin.
 
-    `unpack_points` of `caesura_protocol.extremes` converts the answer to arrays. Raises NotFound, which lists
-    the existing names, Unreachable, or ProtocolError.
+    `unpack_points` of `caesura_protocol.minmax_decimation` converts the answer to arrays. Raises NotFound,
+    which lists the existing names, Unreachable, or ProtocolError.
     """
     key, parameters = session_key(station, session, "samples"), samples_parameters(wanted)
 

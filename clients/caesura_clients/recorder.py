@@ -18,7 +18,7 @@ from itertools import pairwise
 import numpy as np
 
 from caesura_clients import query
-from caesura_clients.stated_recording import stated_recording
+from caesura_clients.session_to_recording import stated_recording
 from caesura_protocol.codec import decode, signals_of, unpack_samples
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError, Unreachable
 from caesura_protocol.keys import ReplayRange, replay_parameters, session_key, station_key
@@ -30,9 +30,9 @@ from caesura_protocol.messages import (
     Snapshot,
 )
 from caesura_protocol.recording import ASSUMED_FRAME, Recording
-from caesura_protocol.session_clock import clock_from
+from caesura_protocol.session_time_display import clock_from
 from caesura_protocol.transport.inbox import Inbox, Item, ReceivedSample
-from caesura_protocol.transport.network import Transport
+from caesura_protocol.transport.transport_interface import Transport
 
 ASK_EVERY_S = 0.5  # for what is missing
 AT_ONCE = 200  # batches in one question

@@ -6,10 +6,10 @@ action: a time has a unit and the session's clock, a force a unit.
 
 from __future__ import annotations
 
-from caesura_clients.editing import is_stale
+from caesura_clients.session_corrections import is_stale
 from caesura_protocol.errors import NONE_THERE, ProtocolError
 from caesura_protocol.messages import Action, LimitForce, Move, ProgramAction, Remove, Since
-from caesura_protocol.session_clock import NO_OFFSET, SessionClock, is_of_day
+from caesura_protocol.session_time_display import NO_OFFSET, SessionClock, is_of_day
 
 Refused = Action | ProgramAction | Since
 

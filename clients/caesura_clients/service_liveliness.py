@@ -14,7 +14,7 @@ from typing import Literal
 
 from caesura_protocol.keys import service_key
 from caesura_protocol.transport.inbox import Inbox, TokenChange
-from caesura_protocol.transport.network import Transport
+from caesura_protocol.transport.transport_interface import Transport
 
 TICK_S = 0.1
 Change = Literal["there", "gone"]

@@ -18,11 +18,11 @@ from caesura_protocol.plausibility import METRES
 from caesura_protocol.recording import ASSUMED_ORDER, Recording
 from caesura_protocol.rotations import matrices_of
 from caesura_protocol.sample_limits import TARE_S
-from caesura_protocol.upright import UP
+from caesura_protocol.up_direction import UP
 from caesura_service.changepoint.presets import PRESETS, Preset
 from caesura_service.offline_segmentation import capabilities_of
 from caesura_service.robot import load_robot
-from caesura_service.signals.gripper import GripperParameters
+from caesura_service.signals.gripper_events import GripperParameters
 
 Array = NDArray[np.float64]
 

@@ -3,8 +3,8 @@
 >>> encode(Close(session="s1", last_seq=7)).encoding
 'application/msgpack;caesura.Close.v1'
 
-The decoder checks size, version, type and the number of items before it unpacks (`payload_limits.py`). Every
-refusal is a ProtocolError with the value and the limit. No payload can cause code to be executed.
+The decoder checks size, version, type and the number of items before it unpacks (`payload_unpack_limits.py`).
+Every refusal is a ProtocolError with the value and the limit. No payload can cause code to be executed.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from caesura_protocol.messages import (
     Message,
     SampleBatch,
 )
-from caesura_protocol.packing import Packing
-from caesura_protocol.payload_limits import Bounds, bounds_of, unpacked
+from caesura_protocol.msgpack_packer import Packing
+from caesura_protocol.payload_unpack_limits import Bounds, bounds_of, unpacked
 
 MAJOR_VERSION = 1
 FLOAT_OF_SIZE: Mapping[int, np.dtype[Any]] = {4: np.dtype("<f4"), 8: np.dtype("<f8")}  # [bytes]

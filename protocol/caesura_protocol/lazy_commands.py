@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import typer
 from typer.core import TyperCommand
 
-from caesura_protocol.option_words import check_finite, values_named
+from caesura_protocol.option_error_texts import check_finite, values_named
 
 
 class LazyCommand(TyperCommand):

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.upright import UP
+from caesura_protocol.up_direction import UP
 
 Array = NDArray[np.float64]
 

@@ -18,8 +18,8 @@ from contextlib import ExitStack, contextmanager
 from types import FrameType, TracebackType
 from typing import Self
 
-from caesura_protocol.distribution import installed_version
 from caesura_protocol.messages import ServiceStatus
+from caesura_protocol.package_version_and_extras import installed_version
 from caesura_service.config import ServiceConfig
 from caesura_service.decimation import SampleReader
 from caesura_service.journal import (
@@ -31,7 +31,7 @@ from caesura_service.journal import (
     PeerJournals,
     SqliteJournal,
 )
-from caesura_service.large_blocks import return_large_blocks
+from caesura_service.malloc_threshold import return_large_blocks
 from caesura_service.monitoring.health import http_server_of, liveness
 from caesura_service.monitoring.instrumented_registry import InstrumentedRegistry
 from caesura_service.monitoring.metrics import MetricsSource

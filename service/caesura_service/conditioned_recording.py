@@ -16,8 +16,8 @@ from caesura_protocol.recording import Recording
 from caesura_protocol.rotations import upright_rotation
 from caesura_service.changepoint.channel_model import UNTURNED, ModelInput
 from caesura_service.changepoint.filter_interface import ChangepointFilter
-from caesura_service.changepoint.held_torque import torsion_of
 from caesura_service.changepoint.preset import Preset
+from caesura_service.changepoint.turn_resistance import torsion_of
 from caesura_service.offline_segmentation import opening_of
 from caesura_service.segmentation.observation_store import force_scale, holding, turned_upright
 from caesura_service.segmentation.opening_layout import layout_of

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from caesura_protocol.keys import check_name
 from caesura_service.journal import JournalSettings
-from caesura_service.server.network import NetworkSettings
-from caesura_service.server.rate_limits import RateLimits
+from caesura_service.server.network_join import NetworkSettings
+from caesura_service.server.rate_limit_settings import RateLimits
 from caesura_service.server.work_queue import QueueSettings
 from caesura_service.sessions.limits import Limits
 

@@ -22,7 +22,7 @@ from caesura_protocol.recording import ASSUMED, Recording, RecordingError
 from caesura_service.journal import Record
 from caesura_service.segmentation.opening_layout import layout_of
 from caesura_service.segmentation.pipeline import make_pipeline
-from caesura_service.segmentation.view import PipelineView
+from caesura_service.segmentation.pipeline_interface import PipelineView
 from caesura_service.sessions.batch_validation import validated_samples
 from caesura_service.sessions.limits import Limits
 from caesura_service.signals import WrenchCapabilities

@@ -8,7 +8,7 @@ import time
 
 from caesura_service.changepoint import filter_choice
 from caesura_service.numba_support import has_kernels, is_compiled
-from caesura_service.signals import warm_up
+from caesura_service.signals import kernel_warm_up
 
 
 def prepare() -> None:
@@ -26,7 +26,7 @@ def prepare() -> None:
 def _load() -> None:
     """Call every kernel once: cached ones are loaded, others are compiled."""
     filter_choice.prepare()
-    warm_up.prepare()
+    kernel_warm_up.prepare()
 
 
 if __name__ == "__main__":

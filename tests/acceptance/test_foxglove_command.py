@@ -21,7 +21,7 @@ from caesura_clients.viewer.foxglove_server import FoxgloveServer
 from caesura_protocol.codec import decode
 from caesura_protocol.messages import Ack, Heartbeat, SampleBatch
 from caesura_protocol.transport.inbox import Inbox, Item, ReceivedSample
-from caesura_protocol.transport.network import Transport
+from caesura_protocol.transport.transport_interface import Transport
 from clients.fake_service import eventually
 from harness.commands import application
 from harness.foxglove import Viewer, viewing

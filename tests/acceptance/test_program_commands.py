@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from caesura_protocol.formats.read import load_recording
-from caesura_protocol.programs.groups import Group
+from caesura_protocol.programs.apps_by_phase import Group
 from harness.commands import application
 from harness.programs import as_file, pick_and_place, press
 

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from caesura_lab.commands.segment import announce_compilation
-from caesura_protocol.distribution import installed_version
+from caesura_protocol.package_version_and_extras import installed_version
 from harness.commands import application
 
 DATA = Path(__file__).parents[2] / "data"

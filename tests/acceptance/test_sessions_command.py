@@ -22,7 +22,7 @@ from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import Close, Describe, Description
 from caesura_service.config import ServiceConfig, journal_path
 from caesura_service.journal import Record, SqliteJournal
-from caesura_service.journal.schema import is_in_use
+from caesura_service.journal.sqlite_database import is_in_use
 from caesura_service.offline_segmentation import BATCH_SAMPLES, opening_of, segment_recording
 from harness.commands import application
 from harness.demonstrations import guided
@@ -134,7 +134,7 @@ def test_a_session_is_exported_as_mcap_while_the_service_runs(directory):
 
 
 def test_mcap_without_its_extra_is_one_line_that_names_it(directory, monkeypatch):
-    monkeypatch.setattr("caesura_lab.commands.sessions.find_spec", lambda name: None)
+    monkeypatch.setattr("caesura_lab.commands.journal_sessions.find_spec", lambda name: None)
     done = caesura("export", "s2", "-o", directory / "s2.mcap", "--journal", directory)
     assert (done.exit_code, done.stdout) == (1, "")
     assert done.stderr == "error: writing .mcap needs pip install '.[mcap]' in a clone of Caesura\n"
@@ -311,7 +311,7 @@ def test_on_a_terminal_delete_asks_first(directory):
 
 def test_who_says_no_keeps_the_session(directory, monkeypatch):
     terminal = SimpleNamespace(isatty=lambda: True)
-    monkeypatch.setattr("caesura_lab.commands.sessions.sys", SimpleNamespace(stdin=terminal))
+    monkeypatch.setattr("caesura_lab.commands.journal_sessions.sys", SimpleNamespace(stdin=terminal))
     words = ["sessions", "delete", "s2", "--journal", str(directory)]
     done = CliRunner().invoke(application(), words, input="n\n")
     assert "Delete samples, results and corrections of cell-1/s2 in " in done.output

@@ -19,14 +19,14 @@ import typer
 from click.testing import Result
 from typer.testing import CliRunner
 
-from caesura_clients import Caesura, describing
+from caesura_clients import Caesura, demonstration_control
 from caesura_clients.bridge.bridge import Bridge
 from caesura_clients.bridge.sources import Source
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.standby import Standby
-from caesura_clients.cli import demonstrations
+from caesura_clients.cli import start_stop_describe
 from caesura_clients.cli.commands import register
-from caesura_clients.cli.demonstrations import WAITING, what_lasts
+from caesura_clients.cli.start_stop_describe import WAITING, what_lasts
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
 from caesura_protocol.messages import BridgeState, BridgeStatus, Description, SessionStatus
 from caesura_protocol.number_words import counted
@@ -151,7 +151,9 @@ def test_one_process_teaches_session_after_session_and_nothing_in_between(router
             second.session,
         ):  # its success would be lost: the refusal has the command that states it
             late = refused(
-                lambda name=name: describing.stop(caesura.transport, STATION, session=name, success=True)
+                lambda name=name: demonstration_control.stop(
+                    caesura.transport, STATION, session=name, success=True
+                )
             )
             assert late.message.endswith(f"sessions describe {STATION} {second.session} --success yes"), late
         assert known(caesura, second.session).samples == len(RECORDING.t), "from its beginning, and whole"
@@ -160,17 +162,24 @@ def test_one_process_teaches_session_after_session_and_nothing_in_between(router
 
 def test_commands_that_come_twice_or_collide_begin_and_end_one_session(router, service, caesura):
     with ready_to_start(caesura, router.endpoint, FileSource(RECORDING, pace=SLOW)) as standby:
-        first = describing.start(caesura.transport, STATION, WIPE, name="press-1")
-        assert describing.start(caesura.transport, STATION, WIPE, name="press-1") == first
+        first = demonstration_control.start(caesura.transport, STATION, WIPE, name="press-1")
+        assert demonstration_control.start(caesura.transport, STATION, WIPE, name="press-1") == first
         late = refused(lambda: caesura.start(STATION))
         assert (late.code, "was started by Ann: stop it first" in late.message) == ("conflict", True)
-        other = refused(lambda: describing.stop(caesura.transport, STATION, session="s-of-yesterday"))
+        other = refused(
+            lambda: demonstration_control.stop(caesura.transport, STATION, session="s-of-yesterday")
+        )
         assert other.code == "unknown_session"
         assert standby.status.state == "teaching"
         assert caesura.stop(STATION).state == "ready"
-        assert describing.stop(caesura.transport, STATION, session=first.session).session == first.session
+        assert (
+            demonstration_control.stop(caesura.transport, STATION, session=first.session).session
+            == first.session
+        )
         assert "no demonstration is being taught" in refused(lambda: caesura.stop(STATION)).message
-        taken = refused(lambda: describing.start(caesura.transport, STATION, session=first.session))
+        taken = refused(
+            lambda: demonstration_control.start(caesura.transport, STATION, session=first.session)
+        )
         assert taken.code == "conflict", "a name that is taken"
         reaches(standby, "ready")
         assert [one.session for one in caesura.sessions(STATION)] == [first.session]
@@ -247,7 +256,7 @@ def test_a_stop_counts_what_the_service_had_to_refuse(router, service, caesura):
         lost = known(caesura, session).lost
         assert lost > 0
         assert standby.status.outcome.endswith(f" batches, of which {lost} are lost")
-        assert describing.stop(caesura.transport, STATION, session=session).lost == lost
+        assert demonstration_control.stop(caesura.transport, STATION, session=session).lost == lost
     assert stopped.exit_code == 0, "a pedal starts the next one where a stop fails"
     assert f"warning: {counted(lost, 'batch')} of it lost: `caesura sessions show {session}" in stopped.stderr
 
@@ -385,7 +394,7 @@ def test_a_stop_states_what_it_waits_for(stated, words):
 
 
 def test_the_command_line_starts_stops_describes_and_shows(router, service, caesura, monkeypatch):
-    monkeypatch.setattr(demonstrations, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(start_stop_describe, "PATIENCE_S", 0.0)
     app = typer.Typer()
     register(app)
 

@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from caesura_clients.bridge.bridge import Bridge
-from caesura_clients.bridge.sources.pacing import PacedSource
+from caesura_clients.bridge.sources.paced_source import PacedSource
 from caesura_lab.teacher.scenarios import SCENARIOS
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.errors import SourceError

@@ -12,7 +12,7 @@ from zipfile import ZipFile
 
 import pytest
 
-from caesura_protocol.distribution import DISTRIBUTION, installed_version
+from caesura_protocol.package_version_and_extras import DISTRIBUTION, installed_version
 
 ROOT = Path(__file__).parents[2]
 HEAVY = {"scipy", "pinocchio", "numba"}

@@ -19,7 +19,7 @@ from caesura_clients.bridge.sources.registry import SourceOptions, open_source
 from caesura_clients.full_samples import read_recording
 from caesura_clients.query import snapshot
 from caesura_clients.recorder import Recorder
-from caesura_clients.results import Update
+from caesura_clients.session_state_reader import Update
 from caesura_protocol.codec import decode, encoding_of, pack_samples
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError
 from caesura_protocol.formats.read import load_recording

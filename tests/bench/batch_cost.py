@@ -34,7 +34,7 @@ from caesura_service.journal import SqliteJournal
 from caesura_service.monitoring.instrumented_registry import InstrumentedRegistry
 from caesura_service.monitoring.session_event_logger import SessionEventLogger
 from caesura_service.monitoring.station_counters import StationCounterSet
-from caesura_service.publishing import messages
+from caesura_service.publishing import state_updates
 from caesura_service.publishing.events import Output, Owner, Publish
 from caesura_service.segmentation.pipeline import SegmentationPipeline
 from caesura_service.segmentation.segmenter import Segmenter
@@ -66,7 +66,7 @@ PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
     "the program": ((SegmentationPipeline, "_apps"),),
     "phases": ((SegmentationPipeline, "_phases_with"),),
     "hints": ((SignalCoach, "observe"), (BoundaryCoach, "observe")),
-    "what has changed, as messages": ((messages, "apply_view"), (messages, "update_program")),
+    "what has changed, as messages": ((state_updates, "apply_view"), (state_updates, "update_program")),
     "counting and logging": (
         (StationCounterSet, "count_call"),
         (StationCounterSet, "count_batch"),

@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from caesura_protocol.formats.read import load_recording
 from caesura_service.robot import Robot, load_panda
 from caesura_service.signals import Conditioner, SampleLayout, conditioning
-from caesura_service.signals.filtering import SavitzkyGolay
-from caesura_service.signals.grid import Resampler
-from caesura_service.signals.gripper import GripperTracker
+from caesura_service.signals.grid_resampler import Resampler
+from caesura_service.signals.gripper_events import GripperTracker
+from caesura_service.signals.savitzky_golay import SavitzkyGolay
 from caesura_service.signals.tare import TareEstimator
 
 RECORDING = Path(__file__).resolve().parents[2] / "data" / "pick_and_place.npz"

@@ -33,7 +33,7 @@ from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Output, Owner, Publish, ReplayEnded
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server import NetworkSettings, ZenohServer
-from caesura_service.server.network import join
+from caesura_service.server.network_join import join
 from caesura_service.server.work_queue import QueueSettings
 from caesura_service.sessions.limits import Limits
 

@@ -30,7 +30,7 @@ from caesura_protocol.messages import Control
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
-from caesura_service.server import network
+from caesura_service.server import network_join
 from harness.peer import Peer
 from harness.sessions import batches, opening
 
@@ -53,7 +53,7 @@ def main() -> None:
 def row(wait_s: float, seconds: float) -> tuple[object, ...]:
     """As it is printed."""
     config = ServiceConfig(instance="bench", listen="tcp/127.0.0.1:0", preset="fake")
-    waits = mock.patch.object(network, "BLOCKED_US", round(1e6 * wait_s))
+    waits = mock.patch.object(network_join, "BLOCKED_US", round(1e6 * wait_s))
     with (
         waits,
         Service(config, pipeline_factory=make_fake_pipeline) as service,

@@ -37,7 +37,7 @@ from caesura_protocol.codec import pack_samples
 from caesura_protocol.fragments import fragment
 from caesura_protocol.messages import Open
 from caesura_service.journal import SqliteJournal
-from caesura_service.large_blocks import return_large_blocks
+from caesura_service.malloc_threshold import return_large_blocks
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Owner, Publish
 from caesura_service.segmentation.pipeline import make_pipeline

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from caesura_service.changepoint.channel_model import ModelInput, Noise
 from caesura_service.changepoint.compiled_filter import CompiledRunLengthFilter
 from caesura_service.changepoint.constant_models import FreeSpaceForce
+from caesura_service.changepoint.filter_parameters import FilterParameters
 from caesura_service.changepoint.hazard import Geometric
-from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
 
 Array = NDArray[np.float64]

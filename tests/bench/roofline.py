@@ -14,7 +14,7 @@ import numpy as np
 from machine import seconds
 from numba import njit
 
-from caesura_service.changepoint.kernels.describe import fields_of
+from caesura_service.changepoint.kernels.model_set_conversion import fields_of
 from caesura_service.changepoint.profile_model import ProfileModel
 from caesura_service.changepoint.segment_model_set import SegmentModelSet
 

@@ -50,7 +50,7 @@ with Service(config, pipeline_factory=make_fake_pipeline):
 """
 _DASHBOARD = """
 import json, sys, threading, zenoh
-from caesura_service.server.network import SETTINGS
+from caesura_service.server.network_join import SETTINGS
 config = zenoh.Config()
 for key, value in {**SETTINGS, "mode": "client", "connect/endpoints": [sys.argv[1]]}.items():
     config.insert_json5(key, json.dumps(value))

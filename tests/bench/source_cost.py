@@ -17,7 +17,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from caesura_clients.bridge.sources.franka import FrankaSource, state_of
+from caesura_clients.bridge.sources.libfranka_state import FrankaSource, state_of
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.ros_messages import TopicRule, stamp_of
 from caesura_protocol.formats.ros_types import FRANKA_STATE, POSE, WRENCH, decoder

@@ -11,7 +11,7 @@ from caesura_protocol.keys import SessionPart, requests_nothing_said, service_ke
 from caesura_protocol.messages import Program, Result, Snapshot
 from caesura_protocol.transport.inbox import Inbox, IncomingQuery, ReceivedSample, TokenChange
 from caesura_protocol.transport.memory import intersect
-from caesura_protocol.transport.network import Transport, nothing_found
+from caesura_protocol.transport.transport_interface import Transport, nothing_found
 from clients.fake_service import eventually
 
 TICK_S = 0.02

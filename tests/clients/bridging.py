@@ -4,7 +4,7 @@ import numpy as np
 
 from caesura_clients.bridge import BridgeSettings
 from caesura_clients.bridge.sources.file import FileSource
-from caesura_clients.bridge.sources.pacing import FAST
+from caesura_clients.bridge.sources.paced_source import FAST
 from caesura_protocol.codec import unpack_samples
 from caesura_protocol.keys import ReplayRange, replay_parameters, station_key
 from clients.conftest import FULL_S

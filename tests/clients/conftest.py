@@ -12,7 +12,7 @@ import zenoh
 
 from caesura_clients.bridge import BridgeSettings
 from caesura_protocol.transport.memory import MemoryNetwork
-from caesura_protocol.transport.network import Transport
+from caesura_protocol.transport.transport_interface import Transport
 from caesura_protocol.transport.zenoh_transport import SETTINGS, ZenohTransport
 
 FULL_S = 3600.0  # that a batch may wait until it is full: longer than a test may take

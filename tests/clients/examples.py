@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from caesura_clients.results import Update
+from caesura_clients.session_state_reader import Update
 from caesura_protocol.codec import decode, encoding_of
 from caesura_protocol.messages import Changepoint, Message, Segment, Segments, Snapshot
 from caesura_protocol.recording import Recording

@@ -12,7 +12,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import ReplayRange, parse_station_key, replay_parameters, service_key, station_key
 from caesura_protocol.messages import Ack, Close, Control, Heartbeat, Open, SampleBatch
 from caesura_protocol.transport.inbox import Inbox, IncomingQuery, ReceivedSample, TokenChange
-from caesura_protocol.transport.network import Transport
+from caesura_protocol.transport.transport_interface import Transport
 
 TICK_S = 0.02
 DEADLINE_S = 30.0

@@ -17,7 +17,7 @@ from functools import partial
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
-from caesura_protocol.formats.poses import flange_of, moved_wrench, pose_of_rotation_vector
+from caesura_protocol.flange_pose import flange_of, moved_wrench, pose_of_rotation_vector
 
 RECEIVE = "rtde_receive.RTDEReceiveInterface"
 CONTROL = "rtde_control.RTDEControlInterface"

@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 from caesura_clients.bridge import BridgeSettings
 from caesura_clients.cli.bridge import _Availability, reporting_pose, reporting_storage, reporting_up
 from caesura_clients.cli.commands import register
-from caesura_clients.cli.demonstrations import _StatusPrinter
 from caesura_clients.cli.options import reported
 from caesura_clients.cli.result_tables import doubtful_apps
+from caesura_clients.cli.start_stop_describe import _StatusPrinter
 from caesura_clients.service_liveliness import watch_services
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError

@@ -32,7 +32,7 @@ from caesura_protocol.messages import (
     TakeBack,
     Undo,
 )
-from caesura_protocol.session_clock import SessionClock
+from caesura_protocol.session_time_display import SessionClock
 from clients.examples import snapshot
 
 

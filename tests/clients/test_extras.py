@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from caesura_clients.bridge.sources.registry import SOURCES, SourceOptions, open_source
-from caesura_protocol import distribution
+from caesura_protocol import package_version_and_extras
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.read import load_recording
 from clients.examples import recording
@@ -103,5 +103,5 @@ def test_what_installs_an_extra_depends_on_where_caesura_came_from(monkeypatch, 
             assert name == "direct_url.json"
             return recorded and recorded.replace("W", WHEEL)
 
-    monkeypatch.setattr(distribution, "distribution", lambda name: Installed())
-    assert distribution.install_command("mcap") == said.replace("W", WHEEL)
+    monkeypatch.setattr(package_version_and_extras, "distribution", lambda name: Installed())
+    assert package_version_and_extras.install_command("mcap") == said.replace("W", WHEEL)

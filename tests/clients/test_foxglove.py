@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 
-from caesura_clients.results import SessionReader
+from caesura_clients.session_state_reader import SessionReader
 from caesura_clients.viewer.feed import StationFeed
 from caesura_clients.viewer.foxglove_server import BACKLOG, FoxgloveServer
-from caesura_clients.viewer.live_messages import PATH_POINTS, LiveStation
+from caesura_clients.viewer.live_mcap_messages import PATH_POINTS, LiveStation
 from caesura_protocol.codec import Encoded, encode, pack_samples
 from caesura_protocol.errors import CaesuraError
-from caesura_protocol.formats.mcap_messages import CHANNELS, schema_of
+from caesura_protocol.formats.mcap_schemas import CHANNELS, schema_of
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Segment
 from caesura_protocol.transport.memory import MemoryNetwork, MemoryTransport

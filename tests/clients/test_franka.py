@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from caesura_clients.bridge import Bridge
-from caesura_clients.bridge.sources.franka import FrankaSource
+from caesura_clients.bridge.sources.libfranka_state import FrankaSource
 from caesura_clients.bridge.sources.registry import SourceOptions, open_source
 from caesura_protocol.errors import SourceError
-from caesura_protocol.formats.poses import HERE, Transform, flange_of, multiply, pose_of, rotate
+from caesura_protocol.flange_pose import HERE, Transform, flange_of, multiply, pose_of, rotate
 from clients.bridging import QUICK
 from clients.fake_franka import (
     GUIDING,

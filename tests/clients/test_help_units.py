@@ -7,7 +7,7 @@ import typer
 from typer.testing import CliRunner
 
 from caesura_clients.bridge.sources.registry import SOURCES
-from caesura_clients.cli.known_names import PRESET_NAMES, SCENARIO_NAMES
+from caesura_clients.cli.preset_and_scenario_names import PRESET_NAMES, SCENARIO_NAMES
 from caesura_clients.cli.sessions import sessions
 from caesura_lab.teacher.scenarios import SCENARIOS
 from caesura_protocol.lazy_commands import LazyCommand

@@ -17,9 +17,9 @@ from typer import BadParameter
 from caesura_clients.cli import hints as hints_command
 from caesura_clients.cli.hints import _failure, hint_line
 from caesura_clients.cli.result_tables import segments_view
-from caesura_clients.following import SessionRemoved
-from caesura_clients.hint_changes import HintChange, HintChanges
-from caesura_clients.results import SessionReader, Update
+from caesura_clients.hint_lifecycle import HintChange, HintChanges
+from caesura_clients.session_follower import SessionRemoved
+from caesura_clients.session_state_reader import SessionReader, Update
 from caesura_protocol.messages import Hint, HintKind, Hints
 from clients.answering import Answering
 from clients.examples import example, snapshot

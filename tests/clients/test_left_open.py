@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from caesura_clients import describing, query
+from caesura_clients import demonstration_control, query
 from caesura_clients.bridge import standby
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import Ack
@@ -28,7 +28,7 @@ def closed(monkeypatch):
     left = [SimpleNamespace(status=SimpleNamespace(session=name, state="open")) for name in ("s1", "s2")]
     monkeypatch.setattr(query, "snapshots", lambda *_asked, **_how: left)
     monkeypatch.setattr(query, "stations", lambda _transport: [])
-    monkeypatch.setattr(describing.ControlClient, "close_left_open", close)
+    monkeypatch.setattr(demonstration_control.ControlClient, "close_left_open", close)
     return names
 
 
@@ -44,7 +44,7 @@ def test_a_bridge_that_comes_back_while_the_sessions_are_asked_for_keeps_its_own
     monkeypatch.setattr(query, "snapshots", snapshots)
     monkeypatch.setattr(query, "stations", lambda _transport: there)
     with pytest.raises(CaesuraError, match="a bridge is connected"):
-        describing.close_left_open(MemoryTransport(MemoryNetwork()), STATION)
+        demonstration_control.close_left_open(MemoryTransport(MemoryNetwork()), STATION)
     assert closed == []
 
 
@@ -52,9 +52,9 @@ def test_whether_it_succeeded_is_said_of_one_demonstration(closed):
     """It was recorded of every session that was open."""
     transport = MemoryTransport(MemoryNetwork())
     with pytest.raises(CaesuraError, match="of s1, s2"):
-        describing.close_left_open(transport, STATION, success=True)
+        demonstration_control.close_left_open(transport, STATION, success=True)
     assert closed == []
-    assert len(describing.close_left_open(transport, STATION)) == 2
+    assert len(demonstration_control.close_left_open(transport, STATION)) == 2
 
 
 @pytest.fixture
@@ -71,12 +71,12 @@ def refused(monkeypatch):
     left = [SimpleNamespace(status=SimpleNamespace(session="s1", state="open", batches=5, lost=0))]
     monkeypatch.setattr(query, "snapshots", lambda *_asked, **_how: left)
     monkeypatch.setattr(query, "stations", lambda _transport: [])
-    monkeypatch.setattr(describing.ControlClient, "ask", ask)
+    monkeypatch.setattr(demonstration_control.ControlClient, "ask", ask)
     return asked
 
 
 def test_a_session_whose_status_was_behind_is_closed_behind_its_last_batch(refused):
-    describing.close_left_open(MemoryTransport(MemoryNetwork()), STATION)
+    demonstration_control.close_left_open(MemoryTransport(MemoryNetwork()), STATION)
     assert refused == [4, 5]
 
 
@@ -84,14 +84,14 @@ def test_a_bridge_that_comes_back_while_its_session_is_closed_keeps_it(refused, 
     """Its first batches refused the close, which was then repeated behind them."""
     monkeypatch.setattr(query, "stations", lambda _transport: [STATION] if refused else [])
     with pytest.raises(CaesuraError, match="a bridge is connected"):
-        describing.close_left_open(MemoryTransport(MemoryNetwork()), STATION)
+        demonstration_control.close_left_open(MemoryTransport(MemoryNetwork()), STATION)
     assert refused == [4]
 
 
 def test_a_bridge_in_standby_closes_no_session_to_which_another_one_sends(refused):
     """It looks again two seconds later."""
     (left,) = query.snapshots()
-    client = describing.ControlClient(MemoryTransport(MemoryNetwork()), STATION)
+    client = demonstration_control.ControlClient(MemoryTransport(MemoryNetwork()), STATION)
     with pytest.raises(ProtocolError, match="other batches"):
         client.close_left_open(left.status)
     assert refused == [4]
@@ -114,7 +114,7 @@ def test_a_bridge_in_standby_closes_what_was_left_open_as_soon_as_it_is_let(monk
 
     monkeypatch.setattr(query, "services", lambda _transport: ["one"])
     monkeypatch.setattr(query, "snapshots", lambda *_asked, **_how: left)
-    monkeypatch.setattr(describing.ControlClient, "ask", ask)
+    monkeypatch.setattr(demonstration_control.ControlClient, "ask", ask)
     monkeypatch.setattr(standby, "TIDY_S", 0.0)
     bridge = standby.Standby(MemoryTransport(MemoryNetwork()), STATION, lambda: nullcontext(None))
     for _ in range(3):

@@ -12,14 +12,14 @@ import pytest
 from caesura_clients import Caesura, connect
 from caesura_clients.bridge import BridgeSettings
 from caesura_clients.query import PIECES_ATTEMPTS, QUERY_ATTEMPTS, decoded, snapshots
-from caesura_clients.results import Update
+from caesura_clients.session_state_reader import Update
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.fragments import fragment
 from caesura_protocol.keys import session_key
 from caesura_protocol.messages import MAX_MESSAGE_BYTES, MAX_WHOLE_BYTES, Open, Snapshot
 from caesura_protocol.transport.inbox import ReceivedSample
-from caesura_protocol.transport.network import QueryReplies, unanswered
+from caesura_protocol.transport.transport_interface import QueryReplies, unanswered
 from clients.examples import LiveSource, example, until_complete
 
 pytest.importorskip("caesura_service.app")

@@ -9,7 +9,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from caesura_protocol.option_words import limits
+from caesura_protocol.option_error_texts import limits
 from harness.commands import application, every_command
 
 APP = application()

@@ -18,7 +18,7 @@ from caesura_protocol.codec import encode, encode_error
 from caesura_protocol.errors import AccessDenied, CaesuraError, NotFound, ProtocolError, Unreachable
 from caesura_protocol.keys import SampleRange, service_key, session_key, station_key
 from caesura_protocol.messages import Budget, Program, RecordedSamples, ServiceStatus, StationBudgets, Undo
-from caesura_protocol.transport.network import QUERY_TIMEOUT_S, QueryReplies, unanswered
+from caesura_protocol.transport.transport_interface import QUERY_TIMEOUT_S, QueryReplies, unanswered
 from clients.answering import Answering
 from clients.examples import example, snapshot
 from clients.fake_service import eventually

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from caesura_clients.cli.pedal import _mark
-from caesura_clients.cli.typed_actions import refused_in_words
-from caesura_clients.dashboard.editing import said
-from caesura_clients.editing import is_stale
+from caesura_clients.cli.edit_action_validation import refused_in_words
+from caesura_clients.cli.stdin_markers import _mark
+from caesura_clients.dashboard.correction_requests import said
 from caesura_clients.refusal_words import Refused, refusal_words
+from caesura_clients.session_corrections import is_stale
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import (
     Insert,
@@ -23,7 +23,7 @@ from caesura_protocol.messages import (
     TakeBack,
     Undo,
 )
-from caesura_protocol.session_clock import NO_OFFSET, SessionClock
+from caesura_protocol.session_time_display import NO_OFFSET, SessionClock
 
 DAY = SessionClock(1764172800.25)
 REFERENCE: dict[str, Any] = {"kind": "grasp", "t0": 1.0, "tn": 2.0}

@@ -12,8 +12,8 @@ import pytest
 
 pytest.importorskip("rerun", reason="rerun-sdk is not installed (extra rerun)")
 
-from caesura_clients.results import SessionReader
-from caesura_clients.viewer.live_messages import LiveStation
+from caesura_clients.session_state_reader import SessionReader
+from caesura_clients.viewer.live_mcap_messages import LiveStation
 from caesura_clients.viewer.rerun_sink import RerunSink
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.errors import CaesuraError

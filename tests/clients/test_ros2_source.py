@@ -20,7 +20,7 @@ from caesura_clients.bridge.sources import Mark
 from caesura_clients.bridge.sources.registry import SourceOptions, open_source
 from caesura_clients.bridge.sources.ros2 import LostStretches, Ros2Source, parse_key
 from caesura_protocol.errors import SourceError
-from caesura_protocol.formats.column_mapping import ColumnMapping
+from caesura_protocol.formats.mapping_file_read import ColumnMapping
 from caesura_protocol.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, WRENCH
 from caesura_protocol.recording import Recording
 from caesura_protocol.transport.zenoh_transport import SETTINGS, ZenohTransport

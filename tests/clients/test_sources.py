@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from caesura_clients.bridge.sources.file import FileSource
-from caesura_clients.bridge.sources.pacing import FAST, parse_pace
+from caesura_clients.bridge.sources.paced_source import FAST, parse_pace
 from caesura_clients.bridge.sources.registry import SourceOptions, open_source
 from caesura_protocol.batching import Batcher
 from caesura_protocol.errors import CaesuraError, SourceError

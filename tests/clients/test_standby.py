@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager, nullco
 import numpy as np
 import pytest
 
-from caesura_clients import describing
+from caesura_clients import demonstration_control
 from caesura_clients.bridge import BridgeSettings
 from caesura_clients.bridge.sources import Source
 from caesura_clients.bridge.standby import Standby
@@ -104,10 +104,10 @@ def test_a_command_that_fails_is_refused_and_the_next_one_is_answered(monkeypatc
         with monkeypatch.context() as broken_query:
             broken_query.setattr("caesura_clients.query.find_program", fail)
             with pytest.raises(ProtocolError) as refusal:
-                describing.start(operator, STATION)
+                demonstration_control.start(operator, STATION)
         assert (refusal.value.code, refusal.value.message) == ("internal", "ValueError: not foreseen")
-        session = describing.start(operator, STATION).session
-        assert describing.stop(operator, STATION).session == session
+        session = demonstration_control.start(operator, STATION).session
+        assert demonstration_control.stop(operator, STATION).session == session
 
 
 def test_a_start_that_the_journal_cannot_record_says_why(monkeypatch, over):
@@ -120,7 +120,7 @@ def test_a_start_that_the_journal_cannot_record_says_why(monkeypatch, over):
         eventually(lambda: standby.status.state == "ready")
         service.refuse = ProtocolError("overloaded", "journal a.sqlite cannot be written: free some room")
         with pytest.raises(ProtocolError, match=r"nothing was taught, try again: .*free some room") as why:
-            describing.start(network.transport(), STATION)
+            demonstration_control.start(network.transport(), STATION)
         assert why.value.code == "overloaded"
 
 
@@ -144,12 +144,12 @@ def test_a_stop_at_a_service_that_lacks_batches_ends_once_it_has_them(over, lost
     ):
         eventually(lambda: standby.status.state == "ready")
         operator = network.transport()
-        session = describing.start(operator, STATION).session
+        session = demonstration_control.start(operator, STATION).session
         service.hold, service.lost = True, lost
         given.set()
         eventually(lambda: service._held)
         with ThreadPoolExecutor(1) as pool:
-            stopped = pool.submit(describing.stop, operator, STATION)
+            stopped = pool.submit(demonstration_control.stop, operator, STATION)
             eventually(lambda: "0 of 2 batches" in (standby.status.problem or ""))
             assert standby.status.state == "stopping"
             service.hold = False
@@ -168,10 +168,10 @@ def test_the_status_says_that_the_service_ignores_which_way_is_up(over):
         service.reads_up = False
         eventually(lambda: standby.status.state == "ready")
         operator = network.transport()
-        describing.start(operator, STATION)
+        demonstration_control.start(operator, STATION)
         eventually(lambda: "the service ignores that up is 0,0,-1" in (standby.status.problem or ""))
         assert standby.status.state == "teaching"
-        describing.stop(operator, STATION)
+        demonstration_control.stop(operator, STATION)
         assert "; the service ignores that up is 0,0,-1" in standby.status.outcome
         assert standby.status.problem is None
 
@@ -193,11 +193,11 @@ def test_the_outcome_says_that_the_pose_is_read_seldom(over):
     ):
         eventually(lambda: standby.status.state == "ready")
         operator = network.transport()
-        describing.start(operator, STATION)
+        demonstration_control.start(operator, STATION)
         given.set()
         eventually(lambda: service.batches)
         eventually(lambda: not given.is_set())
-        describing.stop(operator, STATION)
+        demonstration_control.stop(operator, STATION)
         assert "; The pose is read about 7.1 times a second" in standby.status.outcome
         over.set()
 

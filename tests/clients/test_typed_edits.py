@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 from typer.testing import CliRunner
 
-from caesura_clients import editing
+from caesura_clients import session_corrections
 from caesura_clients.cli import edit_program as edit_program_command
 from caesura_clients.cli.commands import register
 from caesura_clients.cli.edit import corrections_table, parse
@@ -26,7 +26,7 @@ from caesura_protocol.messages import (
     TakeBack,
     Undo,
 )
-from caesura_protocol.session_clock import NO_OFFSET
+from caesura_protocol.session_time_display import NO_OFFSET
 from clients.examples import snapshot
 from harness.programs import app
 
@@ -111,10 +111,10 @@ def test_while_a_session_is_rebuilt_the_service_is_asked_again(monkeypatch):
             raise refusal
         return "done"
 
-    monkeypatch.setattr(editing, "_ask", ask)
-    monkeypatch.setattr(editing, "RETRY_S", 0.0)
+    monkeypatch.setattr(session_corrections, "_ask", ask)
+    monkeypatch.setattr(session_corrections, "RETRY_S", 0.0)
     made = Edit(session="s1", revision=0, author="Ann", action=Insert(t=1.0))
-    assert editing.send(None, "cell-1", made) == "done"
+    assert session_corrections.send(None, "cell-1", made) == "done"
     assert len(asked) == 3
 
 
@@ -123,10 +123,10 @@ def test_patience_ends(monkeypatch, refusal: Exception):
     def ask(*_):
         raise refusal
 
-    monkeypatch.setattr(editing, "_ask", ask)
+    monkeypatch.setattr(session_corrections, "_ask", ask)
     made = Edit(session="s1", revision=0, author="Ann", action=Insert(t=1.0))
     with pytest.raises(type(refusal)):
-        editing.send(None, "cell-1", made, patience_s=0.0)
+        session_corrections.send(None, "cell-1", made, patience_s=0.0)
 
 
 @pytest.mark.parametrize(

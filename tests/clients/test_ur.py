@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from caesura_clients.bridge.sources.live_arm import LiveArm
 from caesura_clients.bridge.sources.registry import SourceOptions, open_source
 from caesura_protocol.errors import SourceError
-from caesura_protocol.formats.poses import moved_wrench, pose_of_rotation_vector
+from caesura_protocol.flange_pose import moved_wrench, pose_of_rotation_vector
 from clients.fake_ur import SIGNATURES, Script, fake_ur, state
 from clients.lost_arm import chunks_of
 from clients.rtde_server import rtde_server

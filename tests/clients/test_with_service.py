@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 from caesura_clients import Caesura, connect
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
-from caesura_clients.bridge.sources.pacing import FAST
+from caesura_clients.bridge.sources.paced_source import FAST
 from caesura_clients.cli.commands import register
 from caesura_protocol.errors import NotFound, ProtocolError
 from clients.bridging import QUICK

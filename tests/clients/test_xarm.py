@@ -14,7 +14,7 @@ from caesura_clients.bridge.sources import xarm_arm
 from caesura_clients.bridge.sources.live_arm import LiveArm
 from caesura_clients.bridge.sources.registry import SourceOptions, open_source
 from caesura_protocol.errors import SourceError
-from caesura_protocol.formats.poses import pose_of_roll_pitch_yaw
+from caesura_protocol.flange_pose import pose_of_roll_pitch_yaw
 from caesura_protocol.robots import robot_description
 from clients.fake_xarm import PARAMETERS, STOP, Script, fake_xarm, report
 from clients.lost_arm import chunks_of

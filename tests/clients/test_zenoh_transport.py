@@ -10,7 +10,7 @@ from caesura_protocol import recording
 from caesura_protocol.codec import Encoded, encode_error
 from caesura_protocol.errors import CaesuraError, ProtocolError, Unreachable
 from caesura_protocol.transport import memory, zenoh_transport
-from caesura_protocol.transport.endpoints import DEFAULT_ENDPOINT
+from caesura_protocol.transport.default_endpoint import DEFAULT_ENDPOINT
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
 from caesura_protocol.transport.memory import intersect
 from caesura_protocol.transport.zenoh_transport import ZenohTransport, endpoint_of

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import pytest
 
-from caesura_clients.results import SessionReader, Update
+from caesura_clients.session_state_reader import SessionReader, Update
 from caesura_protocol.transport.memory import MemoryNetwork
 from clients.examples import snapshot
 

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from caesura_clients import Caesura
-from caesura_clients.following import events
-from caesura_clients.results import Update
+from caesura_clients.session_follower import events
+from caesura_clients.session_state_reader import Update
 from harness.processes import DEADLINE_S
 
 

@@ -17,7 +17,7 @@ pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard
 
 from playwright.sync_api import Page, expect
 
-from caesura_lab.annotations import read_annotation
+from caesura_lab.ground_truth import read_annotation
 from dashboard.browser import PATIENCE_MS, PHONE, TABLET, THEMES, Visitor, needs_chromium
 from dashboard.stage import Pages
 from harness.demonstrations import guided

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from caesura_clients.dashboard.network_follower import NetworkFollower
-from caesura_clients.dashboard.session_history import PartChoice
+from caesura_clients.dashboard.session_list_rows import PartChoice
 from caesura_clients.query import services, stations
 from caesura_protocol.codec import Encoded, encode, encode_error, pack_samples
 from caesura_protocol.errors import ProtocolError

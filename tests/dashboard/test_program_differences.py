@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from caesura_clients import Caesura, query
 from caesura_clients.cli.commands import register
-from caesura_clients.dashboard.editing import EditRefused
+from caesura_clients.dashboard.correction_requests import EditRefused
 from caesura_clients.dashboard.program_differences import compared_versions, differing
 from caesura_clients.program_editing import edit_program, reference
 from caesura_protocol.messages import (

@@ -9,15 +9,15 @@ import pytest
 
 from caesura_clients.dashboard import program_edits
 from caesura_clients.dashboard.conflicts import EditConflict
-from caesura_clients.dashboard.editing import EditRefused
+from caesura_clients.dashboard.correction_requests import EditRefused
 from caesura_clients.dashboard.program_edits import CHECKED, ProgramDesk, parse
 from caesura_clients.dashboard.program_timeline import Timeline
 from caesura_clients.program_editing import reference
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import App, AppChange, Program
 from caesura_protocol.programs import document
-from caesura_protocol.programs.app_times import edited_times
-from caesura_protocol.programs.formats import WRITERS
+from caesura_protocol.programs.app_time_shifts import edited_times
+from caesura_protocol.programs.export_formats import WRITERS
 from caesura_protocol.robots import grippers
 from harness.programs import pick_and_place, press
 

@@ -7,7 +7,7 @@ import pytest
 from caesura_clients.dashboard.program_timeline import ROWS, Timeline, card, changes, vector
 from caesura_protocol.app_kinds import APP_KINDS, AppKind
 from caesura_protocol.messages import App, Program
-from caesura_protocol.session_clock import SessionClock
+from caesura_protocol.session_time_display import SessionClock
 from clients.examples import example
 
 

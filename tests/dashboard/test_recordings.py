@@ -24,9 +24,9 @@ import numpy as np
 import pytest
 from starlette.requests import ClientDisconnect
 
-from caesura_clients.dashboard import playback, recordings
-from caesura_clients.dashboard.editing import EditRefused
-from caesura_clients.dashboard.pages.recordings import received
+from caesura_clients.dashboard import recording_playback_process, recordings
+from caesura_clients.dashboard.correction_requests import EditRefused
+from caesura_clients.dashboard.pages.recording_upload import received
 from caesura_clients.dashboard.recordings import RecordingDesk
 from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import ASSUMED_FRAME
@@ -52,7 +52,7 @@ def sent(desk: RecordingDesk, upload: str, name: str, content: bytes) -> Path:
 
 
 def looked(path: Path) -> dict[str, Any]:
-    return playback.look({"file": str(path)})
+    return recording_playback_process.look({"file": str(path)})
 
 
 def asked(upload: str, **changes: Any) -> dict[str, Any]:
@@ -148,7 +148,7 @@ def test_an_orientation_as_axis_times_angle_is_found_and_read(tmp_path: Path):
     columns = looked(tmp_path / "ur.csv")["guess"]["columns"]
     assert {"rx", "ry", "rz"} <= set(columns)
     request = recordings.Answers.model_validate({"columns": columns, "sure": True}).model_dump()
-    source = playback.source_of({"file": str(tmp_path / "ur.csv"), "answers": request})
+    source = recording_playback_process.source_of({"file": str(tmp_path / "ur.csv"), "answers": request})
     assert np.abs(source.recording.signals["quat"][0]) == pytest.approx([1.0, 0.0, 0.0, 0.0], abs=1e-5)
 
 
@@ -157,7 +157,7 @@ def test_answers_make_the_source_and_the_mapping_for_the_next_time(tmp_path: Pat
     columns = {"t": "time", "px": "x", "py": "y", "pz": "z"}
     answers = {"columns": columns, "units": {"pos": "cm"}, "robot": "panda", "sure": True}
     request = recordings.Answers.model_validate(answers).model_dump()
-    source = playback.source_of({"file": str(tmp_path / "odd.csv"), "answers": request})
+    source = recording_playback_process.source_of({"file": str(tmp_path / "odd.csv"), "answers": request})
     assert source.recording.signals["pos"][0].tolist() == pytest.approx([0.001, 0.002, 0.003])
     assert source.recording.setting.robot == "panda"
     assert set(source.declared_units) == {"time", "length", "angle", "force"}
@@ -172,7 +172,7 @@ def test_a_file_without_a_frame_of_its_force_takes_the_answer(tmp_path: Path):
     assert "force_frame" not in looked(tmp_path / "a.npz")["stated"], "the page asks for it"
     for frame, stated in ((None, "base"), ("flange", "flange")):
         answers = recordings.Answers(wrench_source="flange_sensor", force_frame=frame).model_dump()
-        source = playback.source_of({"file": str(tmp_path / "a.npz"), "answers": answers})
+        source = recording_playback_process.source_of({"file": str(tmp_path / "a.npz"), "answers": answers})
         assert (source.force_frame, source.assumed) == (stated, () if frame else ("force_frame",))
 
 
@@ -182,7 +182,7 @@ def test_the_direction_that_is_up_is_answered_or_as_in_the_file(tmp_path: Path, 
     assert looked(tmp_path / "a.npz")["stated"]["up"] == "0,0,-1"
     (tmp_path / "odd.csv").write_text(CSV)
     answers = recordings.Answers(columns={"t": "time", "px": "x", "py": "y", "pz": "z"}, up="-z").model_dump()
-    source = playback.source_of({"file": str(tmp_path / "odd.csv"), "answers": answers})
+    source = recording_playback_process.source_of({"file": str(tmp_path / "odd.csv"), "answers": answers})
     assert source.recording.up == hangs
     assert 'up = "0,0,-1"' in json.loads(capsys.readouterr().out)["mapping"]
 
@@ -210,7 +210,7 @@ def test_a_bag_leaves_its_wrench_open_and_takes_the_answer(tmp_path: Path, capsy
     found = looked(bag)
     assert (found["stated"], found["bag"], found["hasWrench"]) == ({}, True, True)
     answers = recordings.Answers(wrench_source="flange_sensor", hand_on_robot="no").model_dump()
-    source = playback.source_of({"file": str(bag), "answers": answers})
+    source = recording_playback_process.source_of({"file": str(bag), "answers": answers})
     assert (source.wrench_source, source.hand_on_robot) == ("flange_sensor", "no")
     assert (
         json.loads(capsys.readouterr().out)["mapping"]
@@ -364,8 +364,8 @@ def test_a_file_that_unfolds_to_more_than_a_machine_has_ends_its_own_process_alo
         for _ in range(1 << 10):
             array.write(bytes(1 << 20))
     look = (
-        "import sys\nfrom caesura_clients.dashboard import playback\nplayback.MEMORY = 1 << 30\n"
-        f"sys.exit(playback.run({{'do': 'look', 'file': {str(file)!r}}}))"
+        "import sys\nfrom caesura_clients.dashboard import recording_playback_process\nrecording_playback_process.MEMORY = 1 << 30\n"
+        f"sys.exit(recording_playback_process.run({{'do': 'look', 'file': {str(file)!r}}}))"
     )
     one_thread = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from caesura_clients import editing, query
+from caesura_clients import query, session_corrections
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
-from caesura_clients.dashboard.editing import EditRefused, correct, corrector
+from caesura_clients.dashboard.correction_requests import EditRefused, correct, corrector
 from caesura_clients.dashboard.network_follower import NetworkFollower
 from caesura_protocol.keys import SampleRange
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
@@ -35,7 +35,7 @@ def network(tmp_path) -> Iterator[tuple]:
 
 
 def test_a_reader_sees_and_an_operator_corrects(network, monkeypatch):
-    monkeypatch.setattr(editing, "SILENCE_S", 0.3)
+    monkeypatch.setattr(session_corrections, "SILENCE_S", 0.3)
     with (
         network("dashboard.wall") as wall,
         network("operator.boss") as boss,

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from caesura_clients.dashboard.signal_ring import BIN_S, SPAN_S, SignalRing, as_bytes
-from caesura_protocol.extremes import unpack_points
 from caesura_protocol.keys import SampleRange
 from caesura_protocol.messages import RecordedSamples
+from caesura_protocol.minmax_decimation import unpack_points
 
 COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz")
 ALL = SampleRange(-1e6, 1e6, 10)

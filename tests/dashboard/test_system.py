@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from caesura_clients.dashboard.session_history import sessions
+from caesura_clients.dashboard.session_list_rows import sessions
 from caesura_clients.dashboard.station_summary import DashboardState
 from caesura_clients.dashboard.system import rates, system
 from caesura_protocol.messages import JournalReport, ServiceStatus

@@ -24,7 +24,7 @@ from pydantic import BaseModel
 
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import Changepoint, Changepoints, Description, Program, Segments
-from caesura_protocol.programs.formats import ProgramWriter
+from caesura_protocol.programs.export_formats import ProgramWriter
 from harness.programs import as_file, pick_and_place, press
 
 rosbags = pytest.importorskip("rosbags.typesys", reason="rosbags is not installed")

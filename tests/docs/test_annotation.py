@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from caesura_lab.annotations import KINDS, LEVELS, TruthError, truth_of
+from caesura_lab.ground_truth import KINDS, LEVELS, TruthError, truth_of
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "annotation.md").read_text()
 EXAMPLE = json.loads(re.findall(r"```json\n(.*?)```", PAGE, re.DOTALL)[0])

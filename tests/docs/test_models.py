@@ -12,7 +12,7 @@ import pytest
 from scipy import stats
 
 from caesura_service.changepoint.channel_model import ModelInput, select
-from caesura_service.changepoint.contract import rows_after
+from caesura_service.changepoint.channel_model_checks import rows_after
 from caesura_service.changepoint.segments import stretches
 
 PAGE = Path(__file__).parents[2] / "docs" / "models.md"

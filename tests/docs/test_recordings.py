@@ -10,8 +10,8 @@ import pytest
 
 from caesura_clients.bridge.sources.registry import SOURCES
 from caesura_protocol.errors import ERROR_CODES
-from caesura_protocol.formats.column_mapping import ColumnMapping, load_mapping
 from caesura_protocol.formats.foreign_csv import UNITS, rules_of
+from caesura_protocol.formats.mapping_file_read import ColumnMapping, load_mapping
 from caesura_protocol.formats.ros_messages import topic_rules
 from caesura_protocol.formats.ros_types import FRANKA_HASH, READ
 from caesura_protocol.keys import ServicePart, SessionPart, StationPart

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from caesura_clients import Caesura, connect, editing
+from caesura_clients import Caesura, connect, session_corrections
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.query import services
@@ -33,7 +33,7 @@ from caesura_protocol.messages import (
 from caesura_service.offline_segmentation import batches, opening_of, segment_recording
 from caesura_service.ownership.station_assignment import stations_of
 from caesura_service.segmentation.pipeline import make_pipeline
-from caesura_service.segmentation.view import PipelineView
+from caesura_service.segmentation.pipeline_interface import PipelineView
 from harness.peer import Peer
 from harness.processes import (
     DEADLINE_S,
@@ -221,7 +221,7 @@ def test_corrections_outlive_the_instance_that_took_them(pair):
     insert, label = Insert(t=0.8), Relabel(t=0.3, kind="steady")
     end = pair.teach(station, 2.0)
     reaches(pair.caesura, station, SAMPLES // 2)
-    edit = partial(editing.edit, pair.caesura.transport, station, SESSION, author="Ann")
+    edit = partial(session_corrections.edit, pair.caesura.transport, station, SESSION, author="Ann")
     assert edit(insert).revision == 1
     pair.west.kill()
     assert edit(label, revision=1).revision == 2
@@ -251,7 +251,7 @@ def test_an_edit_that_is_refused_after_a_freeze_takes_no_acknowledged_one_away(p
     assert pair.teach(station).result(DEADLINE_S).state == "closed"
     pair.until_served_by("west", station)
     late, kept, next_one = Insert(t=0.8), Insert(t=0.5), Relabel(t=0.3, kind="steady")
-    edit = partial(editing.edit, pair.caesura.transport, station, SESSION)
+    edit = partial(session_corrections.edit, pair.caesura.transport, station, SESSION)
     content = encode(Control(command=Edit(session=SESSION, revision=0, author=LATE, action=late)))
     pair.caesura.transport.query(station_key(station, "control"), content, timeout_s=5.0)
     eventually(lambda: " T " in Path(f"/proc/{pair.west.pid}/stat").read_text())

@@ -12,7 +12,7 @@ import pytest
 
 from caesura_clients import connect
 from caesura_service.offline_segmentation import segment_recording
-from caesura_service.segmentation.view import PipelineView
+from caesura_service.segmentation.pipeline_interface import PipelineView
 from harness.processes import (
     DEADLINE_S,
     RECORDING,

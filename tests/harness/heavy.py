@@ -31,7 +31,7 @@ from caesura_protocol.messages import (
     ServiceStatus,
     SessionStatus,
 )
-from caesura_protocol.payload_limits import TEXT_BYTES
+from caesura_protocol.payload_unpack_limits import TEXT_BYTES
 
 # What a station can send to anybody, and what is answered to a query of its.
 OF_STATIONS: tuple[type[Message], ...] = (

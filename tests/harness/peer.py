@@ -32,9 +32,9 @@ from caesura_protocol.messages import (
 )
 from caesura_protocol.transport.inbox import IncomingQuery, ReceivedSample
 from caesura_protocol.transport.memory import CallbackInbox, MemoryNetwork
-from caesura_protocol.transport.network import NOTHING, QueryReplies
+from caesura_protocol.transport.transport_interface import NOTHING, QueryReplies
 from caesura_protocol.transport.zenoh_transport import ZenohQuestion, direct
-from caesura_service.server.network import SETTINGS
+from caesura_service.server.network_join import SETTINGS
 
 DEADLINE_S = 30.0
 M = TypeVar("M", bound=Message)

@@ -22,7 +22,7 @@ from caesura_clients.bridge.sources.file import FileSource
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import Ack, Segment, SessionStatus, Snapshot
 from caesura_protocol.recording import Recording
-from caesura_service.segmentation.view import PipelineView
+from caesura_service.segmentation.pipeline_interface import PipelineView
 from clients.conftest import free_port
 from harness.demonstrations import guided
 from harness.forked import CAN_FORK, Forked
@@ -38,7 +38,7 @@ SESSION = "s1"
 
 _ROUTER = """
 import json, sys, threading, zenoh
-from caesura_service.server.network import SETTINGS
+from caesura_service.server.network_join import SETTINGS
 config = zenoh.Config()
 for key, value in {**SETTINGS, "mode": "router", "listen/endpoints": [sys.argv[1]]}.items():
     config.insert_json5(key, json.dumps(value))

@@ -7,7 +7,7 @@ from typing import Any
 
 from caesura_service.offline_segmentation import segment_recording
 from caesura_service.segmentation.encoded_log import MessageSequence
-from caesura_service.segmentation.view import PipelineView
+from caesura_service.segmentation.pipeline_interface import PipelineView
 from harness.once import once_a_version
 
 

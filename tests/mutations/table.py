@@ -64,7 +64,7 @@ MUTATIONS: tuple[Mutation, ...] = (
         f"{SESSIONS}/session.py",
         "        self._journal.commit()\n        return Reply(self._acknowledgement(",
         "        return Reply(self._acknowledgement(",
-        ("tests/service/journal/test_sqlite.py::test_an_acknowledgement_is_given_for_what_is_safe",),
+        ("tests/service/journal/test_sqlite_journal.py::test_an_acknowledgement_is_given_for_what_is_safe",),
     ),
     Mutation(
         "an edit is processed before it is written",
@@ -75,7 +75,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     ),
     Mutation(
         "synchronous is off",
-        f"{JOURNAL}/schema.py",
+        f"{JOURNAL}/sqlite_database.py",
         '"synchronous = FULL"',
         '"synchronous = OFF"',
         ("tests/service/journal/test_power.py::test_nothing_acknowledged_is_forgotten_by_a_power_loss",),
@@ -99,7 +99,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     ),
     Mutation(
         "a gap has no place among the samples",
-        f"{SESSIONS}/pipeline_host.py",
+        f"{SESSIONS}/pipeline_runner.py",
         "            self._pipeline.declare_gap()\n",
         "",
         (
@@ -139,7 +139,7 @@ MUTATIONS: tuple[Mutation, ...] = (
         "return crc is None or crc == checksum(*values)",
         "return True",
         (
-            "tests/service/journal/test_integrity.py::"
+            "tests/service/journal/test_damaged_file.py::"
             "test_a_damaged_record_costs_its_session_alone_whose_name_is_free_then",
         ),
     ),
@@ -240,7 +240,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     ),
     Mutation(
         "a preview decides when the next results are published",
-        f"{SESSIONS}/pipeline_host.py",
+        f"{SESSIONS}/pipeline_runner.py",
         "        present, action = copy(self._pipeline), asked.action\n",
         "        present, action = self._pipeline, asked.action\n",
         (
@@ -250,7 +250,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     ),
     Mutation(
         "what waits takes the room of deletions",
-        f"{JOURNAL}/sqlite_writer.py",
+        f"{JOURNAL}/writer_thread.py",
         "for_deletions = self._makes_room and",
         "for_deletions = False and",
         (
@@ -323,7 +323,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     ),
     Mutation(
         "a change that was refused and yet recorded counts by the length of its copy",
-        f"{JOURNAL}/overruled.py",
+        f"{JOURNAL}/copy_conflicts.py",
         "    if mine.owner_epoch >= counting.owner_epoch:\n",
         "    if True or mine.owner_epoch >= counting.owner_epoch:\n",
         (
@@ -381,7 +381,7 @@ MUTATIONS: tuple[Mutation, ...] = (
         "Listed = Annotated[tuple[T, ...], Field(fail_fast=True)]",
         "Listed = Annotated[tuple[T, ...], Field(fail_fast=False)]",
         (
-            "tests/protocol/test_payload_limits.py::test_no_array_in_any_field_has_an_error_for_each_of_its_items",
+            "tests/protocol/test_payload_unpack_limits.py::test_no_array_in_any_field_has_an_error_for_each_of_its_items",
         ),
     ),
     Mutation(
@@ -406,9 +406,9 @@ MUTATIONS: tuple[Mutation, ...] = (
     ),
     Mutation(
         "a bridge evicts what no service has",
-        "clients/caesura_clients/bridge/ring.py",
+        "clients/caesura_clients/bridge/replay_ring.py",
         "self._entries[0].seq < self.acknowledged and ",
         "",
-        ("tests/clients/test_ring.py::test_what_no_service_is_known_to_have_is_kept_beyond_the_span",),
+        ("tests/clients/test_replay_ring.py::test_what_no_service_is_known_to_have_is_kept_beyond_the_span",),
     ),
 )

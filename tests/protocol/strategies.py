@@ -13,7 +13,7 @@ from pydantic.fields import FieldInfo
 
 from caesura_protocol.keys import NAME_PATTERN
 from caesura_protocol.messages import Message
-from caesura_protocol.upright import checked_up
+from caesura_protocol.up_direction import checked_up
 
 NAMES = st.from_regex(NAME_PATTERN.replace("$", r"\Z"))
 DIRECTIONS = (

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caesura_lab.annotations import read_annotation
+from caesura_lab.ground_truth import read_annotation
 from caesura_protocol.formats.read import load_recording
 
 TOP = Path(__file__).resolve().parents[2]

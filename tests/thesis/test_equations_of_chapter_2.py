@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from caesura_service.changepoint.channel_model import ModelInput, Noise
+from caesura_service.changepoint.channel_model_checks import rows_after
 from caesura_service.changepoint.constant_models import ConstantLevel
-from caesura_service.changepoint.contract import rows_after
 from caesura_service.changepoint.evidence import log_sum_exp
+from caesura_service.changepoint.filter_parameters import FilterParameters
 from caesura_service.changepoint.hazard import Geometric, Uniform
 from caesura_service.changepoint.offline_posterior import segment_offline
-from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.run_length_filter import RunLengthFilter
 from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
 from caesura_service.robot import Robot, load_panda

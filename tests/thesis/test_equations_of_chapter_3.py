@@ -15,17 +15,17 @@ from scipy import integrate, stats
 from scipy.special import gammaln
 
 from caesura_lab.teacher.guided_arm import GuidedArmSimulation
+from caesura_lab.teacher.hand_motion_plan import make_plan
 from caesura_lab.teacher.person import THESIS
-from caesura_lab.teacher.plan import make_plan
 from caesura_lab.teacher.scenarios import Scenario, Step
 from caesura_service.changepoint.channel_model import ChannelModel, ModelInput, Noise
+from caesura_service.changepoint.channel_model_checks import everywhere, mass, rows_after
 from caesura_service.changepoint.constant_models import ConstantLevel
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
 from caesura_service.changepoint.contact_mixture import CONTACT, FREE, TRANSPORT, ContactMixture
-from caesura_service.changepoint.contract import everywhere, mass, rows_after
 from caesura_service.changepoint.evidence import known_mean_log_evidence, log_mean_exp, log_sum_exp
+from caesura_service.changepoint.profile_library import ProfileLibrary, first_order, overdamped
 from caesura_service.changepoint.profile_model import ProfileModel
-from caesura_service.changepoint.profiles import ProfileLibrary, first_order, overdamped
 from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
 from caesura_service.changepoint.thesis_presets import thesis_motion_library
 from caesura_service.constants import GRAVITY

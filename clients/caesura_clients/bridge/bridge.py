@@ -37,16 +37,16 @@ from typing import Self
 import numpy as np
 from pydantic import ValidationError
 
+from caesura_clients.bridge.batch_sender import BatchSender
 from caesura_clients.bridge.control_client import ControlClient
 from caesura_clients.bridge.marker_queue import MarkerQueue
+from caesura_clients.bridge.replay_ring import ReplayRing
 from caesura_clients.bridge.replay_server import ReplayServer
-from caesura_clients.bridge.ring import ReplayRing
 from caesura_clients.bridge.send_thread import SendThread
-from caesura_clients.bridge.sender import BatchSender
 from caesura_clients.bridge.settings import BridgeSettings
 from caesura_clients.bridge.sources import Chunk, Mark, Source
-from caesura_clients.bridge.unstored_batches import save_unstored
-from caesura_clients.editing import mark
+from caesura_clients.bridge.unstored_batch_export import save_unstored
+from caesura_clients.session_corrections import mark
 from caesura_protocol.codec import signals_of
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
 from caesura_protocol.formats.sample_checks import wrong_values
@@ -54,12 +54,12 @@ from caesura_protocol.keys import NAME_PATTERN, check_name, service_key, station
 from caesura_protocol.messages import Ack, Close, Description, HandOnRobot, Open
 from caesura_protocol.number_words import counted
 from caesura_protocol.plausibility import FirstSecond
-from caesura_protocol.pose_rate import PoseReadings
+from caesura_protocol.pose_update_rate import PoseReadings
 from caesura_protocol.programs.safety import UNSET, CellSettings
 from caesura_protocol.recording import OPTIONS, contradiction, is_option, unit_remedy
 from caesura_protocol.transport.inbox import Inbox
-from caesura_protocol.transport.network import Transport
-from caesura_protocol.upright import UP, up_text
+from caesura_protocol.transport.transport_interface import Transport
+from caesura_protocol.up_direction import UP, up_text
 from caesura_protocol.validation_words import first_finding
 
 # What a service says of a session that it does not have, or not all of. Where another station has one of that

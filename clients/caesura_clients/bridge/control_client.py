@@ -10,7 +10,7 @@ from caesura_protocol.codec import decode, encode
 from caesura_protocol.errors import ErrorCode
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Ack, Close, Control, Open, SessionStatus
-from caesura_protocol.transport.network import QUERY_TIMEOUT_S, Transport
+from caesura_protocol.transport.transport_interface import QUERY_TIMEOUT_S, Transport
 
 TRY_AGAIN: frozenset[ErrorCode] = frozenset({"overloaded", "internal"})
 

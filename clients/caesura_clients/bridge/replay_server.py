@@ -6,13 +6,13 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
-from caesura_clients.bridge.query_thread import QueryThread
-from caesura_clients.bridge.ring import ReplayRing
+from caesura_clients.bridge.query_responder import QueryThread
+from caesura_clients.bridge.replay_ring import ReplayRing
 from caesura_protocol.codec import encode_error
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_replay_parameters, station_key
 from caesura_protocol.transport.inbox import IncomingQuery
-from caesura_protocol.transport.network import Transport
+from caesura_protocol.transport.transport_interface import Transport
 
 FORGOTTEN_S = 3.0  # a service that misses a batch asks for it several times in that
 

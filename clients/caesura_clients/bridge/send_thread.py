@@ -6,7 +6,7 @@ import threading
 from types import TracebackType
 from typing import Self
 
-from caesura_clients.bridge.sender import BatchSender
+from caesura_clients.bridge.batch_sender import BatchSender
 
 
 class SendThread:

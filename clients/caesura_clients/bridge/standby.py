@@ -29,10 +29,10 @@ from caesura_clients import query
 from caesura_clients.bridge.bridge import Bridge, new_bridge_name, new_session_name
 from caesura_clients.bridge.control_client import ControlClient
 from caesura_clients.bridge.marker_queue import MarkerQueue
-from caesura_clients.bridge.query_thread import QueryThread
+from caesura_clients.bridge.query_responder import QueryThread
 from caesura_clients.bridge.settings import BridgeSettings
-from caesura_clients.bridge.source_feed import SourceFeed
 from caesura_clients.bridge.sources import Chunk, Mark, Source, button_pressed
+from caesura_clients.bridge.standby_source_feed import SourceFeed
 from caesura_protocol.codec import decode, encode, encode_error
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable, printable
 from caesura_protocol.keys import check_name, station_key
@@ -48,7 +48,7 @@ from caesura_protocol.messages import (
 )
 from caesura_protocol.number_words import counted
 from caesura_protocol.transport.inbox import IncomingQuery
-from caesura_protocol.transport.network import Transport
+from caesura_protocol.transport.transport_interface import Transport
 
 OPEN_S = 4.0  # within which a service has to open the session
 STOP_S = 12.0  # after which a stop is answered although the service lacks something

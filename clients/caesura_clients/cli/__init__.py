@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 
 from caesura_clients.cli.sessions import sessions, stand_in
-from caesura_protocol.distribution import (
+from caesura_protocol.package_version_and_extras import (
     DISTRIBUTION,
     PACKAGES,
     install_command,

@@ -15,11 +15,9 @@ import typer
 from caesura_clients.bridge import Bridge, BridgeSettings, Source
 from caesura_clients.bridge.guiding_button import RELEASED_S
 from caesura_clients.bridge.sources.file import FileSource
-from caesura_clients.bridge.sources.pacing import parse_pace
+from caesura_clients.bridge.sources.paced_source import parse_pace
 from caesura_clients.bridge.sources.registry import ROBOTIQ_NAMES, SOURCES, SourceOptions, open_source
 from caesura_clients.cli.connection_options import Config, Connect
-from caesura_clients.cli.demonstrations import DescriptionOptions, stand_by
-from caesura_clients.cli.known_names import PRESET_NAMES, SCENARIO_NAMES
 from caesura_clients.cli.options import (
     ProgramOptions,
     Reading,
@@ -29,18 +27,20 @@ from caesura_clients.cli.options import (
     named,
     reported,
 )
-from caesura_clients.cli.pedal import marking
+from caesura_clients.cli.preset_and_scenario_names import PRESET_NAMES, SCENARIO_NAMES
 from caesura_clients.cli.result_tables import ignored_line, outcome_line, stored_whole
-from caesura_clients.cli.watching import SAID_OF_SERVICE
+from caesura_clients.cli.start_stop_describe import DescriptionOptions, stand_by
+from caesura_clients.cli.stdin_markers import marking
+from caesura_clients.cli.watch_live_view import SAID_OF_SERVICE
 from caesura_clients.client import Caesura
 from caesura_clients.query import services, snapshots
 from caesura_clients.service_liveliness import Change, watch_services
 from caesura_protocol.errors import CaesuraError, ProtocolError, Unreachable
 from caesura_protocol.messages import Ack, SessionStatus
 from caesura_protocol.number_words import counted
-from caesura_protocol.session_clock import SessionClock, clock_of
+from caesura_protocol.session_time_display import SessionClock, clock_of
 from caesura_protocol.transport.zenoh_transport import endpoint_of
-from caesura_protocol.upright import APART_RAD, UP, tilt_between
+from caesura_protocol.up_direction import APART_RAD, UP, tilt_between
 
 DEFAULT_STATION = "cell-1"
 MAX_EPOCH = (1 << 53) - 1

@@ -9,8 +9,8 @@ from caesura_protocol.lazy_commands import add_command
 
 COMMANDS = {
     "bridge": "caesura_clients.cli.bridge:bridge",
-    "start": "caesura_clients.cli.demonstrations:start",
-    "stop": "caesura_clients.cli.demonstrations:stop",
+    "start": "caesura_clients.cli.start_stop_describe:start",
+    "stop": "caesura_clients.cli.start_stop_describe:stop",
     "watch": "caesura_clients.cli.watch:watch",
     "hints": "caesura_clients.cli.hints:hints",
     "program": "caesura_clients.cli.programs:program",

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from caesura_protocol.transport.endpoints import DEFAULT_ENDPOINT, ENDPOINT_VARIABLE
+from caesura_protocol.transport.default_endpoint import DEFAULT_ENDPOINT, ENDPOINT_VARIABLE
 
 Connect = Annotated[
     str | None,

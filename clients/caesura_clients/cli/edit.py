@@ -13,9 +13,9 @@ from rich.table import Table
 from rich.text import Text
 
 from caesura_clients.cli.connection_options import Config, Connect
+from caesura_clients.cli.edit_action_validation import refused_in_words, validated, wrong
 from caesura_clients.cli.options import connected, named, reported
 from caesura_clients.cli.result_tables import PLAIN, clock_lines
-from caesura_clients.cli.typed_actions import refused_in_words, validated, wrong
 from caesura_clients.client import Caesura
 from caesura_clients.correction_words import (
     changepoint_made,
@@ -27,7 +27,7 @@ from caesura_clients.correction_words import (
     relabel_doubt,
     since_words,
 )
-from caesura_clients.editing import edit as edit_session
+from caesura_clients.session_corrections import edit as edit_session
 from caesura_protocol.errors import NotFound
 from caesura_protocol.messages import (
     Action,
@@ -41,7 +41,7 @@ from caesura_protocol.messages import (
     TakeBack,
     Undo,
 )
-from caesura_protocol.session_clock import NO_OFFSET, SessionClock, clock_of, moment
+from caesura_protocol.session_time_display import NO_OFFSET, SessionClock, clock_of, moment
 
 
 class _Form(NamedTuple):

@@ -17,15 +17,15 @@ from rich.table import Table
 from rich.text import Text
 
 from caesura_clients.cli.connection_options import Config, Connect
+from caesura_clients.cli.edit_action_validation import refused_in_words, validated, word_of, wrong
 from caesura_clients.cli.options import connected, named, reported
 from caesura_clients.cli.result_tables import PLAIN, clock_lines, program_view
-from caesura_clients.cli.typed_actions import refused_in_words, validated, word_of, wrong
 from caesura_clients.program_editing import edit_program as send_edit
 from caesura_clients.program_editing import in_words, part_between, reference
 from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import AppReference, Program, ProgramAction, Redo, Undo
-from caesura_protocol.session_clock import NO_OFFSET, SessionClock, clock_of
+from caesura_protocol.session_time_display import NO_OFFSET, SessionClock, clock_of
 from caesura_protocol.validation_words import Place
 
 MM = 0.001  # [m]

@@ -15,8 +15,8 @@ import typer
 
 from caesura_clients.cli.connection_options import Config, Connect, Station
 from caesura_clients.cli.options import connected, ended_by_sigterm, named, reported
-from caesura_clients.following import events
-from caesura_clients.hint_changes import HintChange, HintChanges
+from caesura_clients.hint_lifecycle import HintChange, HintChanges
+from caesura_clients.session_follower import events
 
 PATIENCE_S = 5.0  # for a command
 

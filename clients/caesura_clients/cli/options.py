@@ -26,7 +26,7 @@ from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import UNSET, CellSettings, Safety, read_safety
 from caesura_protocol.recording import UnknownColumnsError
 from caesura_protocol.robots import grippers, robot_description
-from caesura_protocol.upright import parse_up
+from caesura_protocol.up_direction import parse_up
 
 WrenchSource = Annotated[
     str | None,

@@ -8,11 +8,11 @@ from typing import Annotated
 
 import typer
 
-from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import LEAST_SPEED, MOST_SPEED
+from caesura_protocol.package_version_and_extras import import_extra
 from caesura_protocol.programs.document import ProgramFile
-from caesura_protocol.programs.retiming import at_factor, factor_of
+from caesura_protocol.programs.program_speed import at_factor, factor_of
 
 GROUP = "caesura.retiming"  # entry points, each a function of a program and the apps that keep their pause
 TAUGHT = "taught"

@@ -31,6 +31,7 @@ from caesura_clients.client import Caesura
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.formats.write import whole_file
 from caesura_protocol.messages import Phase, Program
+from caesura_protocol.programs.apps_by_phase import renamed
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.comparison import differences
 from caesura_protocol.programs.document import (
@@ -41,10 +42,9 @@ from caesura_protocol.programs.document import (
     on_robot,
     read_document,
 )
-from caesura_protocol.programs.formats import WRITERS
-from caesura_protocol.programs.gripping import with_gripper
-from caesura_protocol.programs.groups import renamed
-from caesura_protocol.session_clock import SessionClock, clock_from, clock_of, is_of_day
+from caesura_protocol.programs.export_formats import WRITERS
+from caesura_protocol.programs.program_gripper import with_gripper
+from caesura_protocol.session_time_display import SessionClock, clock_from, clock_of, is_of_day
 
 TABLE_WIDTH = 100  # [characters] of a table in a file
 

@@ -19,10 +19,10 @@ import typer
 from caesura_clients.cli.connection_options import Config, Connect
 from caesura_clients.cli.options import connected, named, reported
 from caesura_clients.recorder import RecordedSession, Recorder, record
-from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.formats.write import WRITERS, check_writable
 from caesura_protocol.number_words import counted
+from caesura_protocol.package_version_and_extras import import_extra
 from caesura_protocol.transport.zenoh_transport import endpoint_of
 
 

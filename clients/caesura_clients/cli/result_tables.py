@@ -12,10 +12,10 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from caesura_clients.budget_texts import budgets_in_words
 from caesura_clients.program_editing import FIELD_WORDS
+from caesura_clients.station_budget_texts import budgets_in_words
+from caesura_protocol.app_force_limit import force_in_words
 from caesura_protocol.app_kinds import app_number, app_title
-from caesura_protocol.force_limit import force_in_words
 from caesura_protocol.messages import (
     App,
     Description,
@@ -28,11 +28,11 @@ from caesura_protocol.messages import (
     WrenchReport,
 )
 from caesura_protocol.number_words import counted, fixed, reads_above
-from caesura_protocol.programs.app_times import speed_in_words
+from caesura_protocol.programs.app_time_shifts import speed_in_words
 from caesura_protocol.recording import Recording, did_you_mean
 from caesura_protocol.reproduced_path import path_in_words
-from caesura_protocol.screw_motion import torque_about_axis
-from caesura_protocol.session_clock import NO_OFFSET, SessionClock
+from caesura_protocol.screw_torque_and_text import torque_about_axis
+from caesura_protocol.session_time_display import NO_OFFSET, SessionClock
 
 STYLE_OF_CERTAINTY = {"final": "", "provisional": "dim italic"}
 DOUBTFUL = 0.5  # p of an app, below which it is named; `caesura check` has the same

@@ -15,7 +15,7 @@ from rich.text import Text
 
 from caesura_clients.cli.result_tables import PLAIN, RESULTS
 from caesura_clients.query import SessionInfo
-from caesura_protocol.session_clock import is_of_day, local_moment
+from caesura_protocol.session_time_display import is_of_day, local_moment
 
 LEFT_OUT_FIRST = ("instance", "segments", "t [s]", "success")  # without room, in this order
 LEAST_TASK = 10  # [characters] of a line of a task's name

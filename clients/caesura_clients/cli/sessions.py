@@ -8,13 +8,13 @@ from __future__ import annotations
 import typer
 
 from caesura_clients.cli.connection_options import Config, Connect, Json, Station
-from caesura_protocol.distribution import install_command
 from caesura_protocol.lazy_commands import add_command
+from caesura_protocol.package_version_and_extras import install_command
 
 sessions = typer.Typer(name="sessions", help="List the sessions of the service, or show one.")
-add_command(sessions, "describe", "caesura_clients.cli.demonstrations:describe")
-add_command(sessions, "list", "caesura_clients.cli.session_views:list_sessions")
-add_command(sessions, "show", "caesura_clients.cli.session_views:show")
+add_command(sessions, "describe", "caesura_clients.cli.start_stop_describe:describe")
+add_command(sessions, "list", "caesura_clients.cli.sessions_list_and_show:list_sessions")
+add_command(sessions, "show", "caesura_clients.cli.sessions_list_and_show:show")
 OF_THE_SERVICE = ("export", "delete", "journals")  # they look into its journal
 
 
@@ -27,7 +27,7 @@ def _default(
     config: Config = None,
 ) -> None:
     """List the sessions of the service, or show one."""
-    from caesura_clients.cli.session_views import list_sessions  # noqa: PLC0415 - it takes a second
+    from caesura_clients.cli.sessions_list_and_show import list_sessions  # noqa: PLC0415 - it takes a second
 
     if context.invoked_subcommand is None:
         list_sessions(station, as_json, endpoint, config)

@@ -19,13 +19,13 @@ from caesura_clients.cli.options import (
 )
 from caesura_clients.cli.result_tables import clock_lines, segments_view
 from caesura_clients.cli.wait_diagnosis import print_wait_reason, wait_reason, waiting_for
-from caesura_clients.cli.watching import FinalLines, LiveView
+from caesura_clients.cli.watch_live_view import FinalLines, LiveView
 from caesura_clients.client import Caesura
-from caesura_clients.following import events
 from caesura_clients.query import current_sessions, snapshots
-from caesura_clients.results import Update
+from caesura_clients.session_follower import events
+from caesura_clients.session_state_reader import Update
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
-from caesura_protocol.session_clock import clock_of
+from caesura_protocol.session_time_display import clock_of
 
 
 def watch(

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from caesura_clients.dashboard.app_values import SCALES, shown_value, shown_values
-from caesura_clients.dashboard.editing import EditRefused
+from caesura_clients.dashboard.correction_requests import EditRefused
+from caesura_clients.dashboard.program_form_values import SCALES, shown_value, shown_values
 from caesura_clients.program_editing import FIELD_WORDS, reference
 from caesura_protocol.messages import (
     App,

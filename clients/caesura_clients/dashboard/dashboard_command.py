@@ -47,14 +47,14 @@ def dashboard(
     config: Config = None,
 ) -> None:
     """Show stations in a browser: signals, segments, programs; and correct what was found."""
+    from caesura_clients.dashboard.correction_requests import corrector  # noqa: PLC0415
     from caesura_clients.dashboard.demonstration_control import DemonstrationDesk  # noqa: PLC0415
-    from caesura_clients.dashboard.editing import corrector  # noqa: PLC0415
     from caesura_clients.dashboard.network_follower import NetworkFollower  # noqa: PLC0415
     from caesura_clients.dashboard.pages.layout import Site  # noqa: PLC0415
+    from caesura_clients.dashboard.program_simulation import Simulator  # noqa: PLC0415
     from caesura_clients.dashboard.proxies import Proxies  # noqa: PLC0415
     from caesura_clients.dashboard.recordings import RecordingDesk  # noqa: PLC0415
     from caesura_clients.dashboard.server import Address, check_free, serve  # noqa: PLC0415
-    from caesura_clients.dashboard.simulation import Simulator  # noqa: PLC0415
 
     with reported():
         address = Address(host, port, tuple(name or ()), _password(password_file), Proxies(proxy or ()))

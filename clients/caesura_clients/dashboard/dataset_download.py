@@ -11,9 +11,9 @@ from tempfile import TemporaryDirectory
 
 from caesura_clients.dashboard.network_follower import NetworkFollower
 from caesura_clients.full_samples import read_recording
-from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import NotFound
 from caesura_protocol.formats.episode_frames import EpisodeSource, episodes_of
+from caesura_protocol.package_version_and_extras import import_extra
 
 FOLDER = "dataset"  # in the zip file
 MOST_SESSIONS = 50

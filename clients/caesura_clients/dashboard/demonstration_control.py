@@ -11,14 +11,14 @@ from typing import Annotated, Any
 from pydantic import Field, TypeAdapter, ValidationError
 
 from caesura_clients.dashboard.conflicts import ATTEMPTS, redescribed
-from caesura_clients.dashboard.editing import EditRefused, said
+from caesura_clients.dashboard.correction_requests import EditRefused, said
 from caesura_clients.dashboard.station_summary import DashboardState
-from caesura_clients.describing import ask_bridge
-from caesura_clients.editing import send
+from caesura_clients.demonstration_control import ask_bridge
 from caesura_clients.query import snapshot
+from caesura_clients.session_corrections import send
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import BridgeStatus, Describe, Description, Start, Stop
-from caesura_protocol.transport.network import Transport
+from caesura_protocol.transport.transport_interface import Transport
 from caesura_protocol.validation_words import dotted, first_finding
 
 Request = Mapping[str, Any]

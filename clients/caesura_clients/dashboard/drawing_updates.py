@@ -17,9 +17,9 @@ from typing import Any
 
 from caesura_clients.correction_words import described, transport_doubt
 from caesura_clients.dashboard.station_summary import reached, session_clock
-from caesura_clients.results import Update
+from caesura_clients.session_state_reader import Update
 from caesura_protocol.messages import Changepoint, Correction, Phase, Posterior, Segment
-from caesura_protocol.session_clock import NO_OFFSET, SessionClock
+from caesura_protocol.session_time_display import NO_OFFSET, SessionClock
 
 Cells = list[Any]
 LEAST_PROBABILITY = 1e-3  # of a run length that is drawn

@@ -23,11 +23,11 @@ from typing import Any
 from caesura_clients.dashboard.signal_ring import SignalRing
 from caesura_clients.dashboard.station_summary import DashboardState, NewestSamples
 from caesura_clients.dashboard.system import rates
-from caesura_clients.following import Event, Key, SessionRemoved, events
-from caesura_clients.parallel_sessions import ParallelSessions
 from caesura_clients.query import current_sessions, samples, service_status, stored_snapshots
 from caesura_clients.repeating_threads import RepeatingThreads
-from caesura_clients.results import SessionReader, Update
+from caesura_clients.session_follower import Event, Key, SessionRemoved, events
+from caesura_clients.session_state_reader import SessionReader, Update
+from caesura_clients.station_name_conflicts import ParallelSessions
 from caesura_protocol.codec import decode, unpack_samples
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.keys import SampleRange, parse_service_key, parse_station_key, service_key, station_key
@@ -40,7 +40,7 @@ from caesura_protocol.messages import (
     Snapshot,
 )
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
-from caesura_protocol.transport.network import Transport
+from caesura_protocol.transport.transport_interface import Transport
 
 POLL_S = 1.0
 TICK_S = 0.2  # how soon a thread sees that it is over

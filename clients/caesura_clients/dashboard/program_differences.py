@@ -11,7 +11,7 @@ from collections import defaultdict, deque
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from caesura_clients.dashboard.editing import EditRefused
+from caesura_clients.dashboard.correction_requests import EditRefused
 from caesura_clients.query import program_at_edit
 from caesura_clients.refusal_words import refusal_words
 from caesura_protocol.app_kinds import app_number, app_title
@@ -19,7 +19,7 @@ from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import App, Program
 from caesura_protocol.number_words import counted
 from caesura_protocol.programs.comparison import field_differences
-from caesura_protocol.transport.network import Transport
+from caesura_protocol.transport.transport_interface import Transport
 
 Row = dict[str, Any]
 NO_EDIT = 0  # the number of the version without edits

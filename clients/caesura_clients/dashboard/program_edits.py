@@ -12,23 +12,23 @@ from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from caesura_clients.dashboard.app_values import shown_numbers, shown_texts
 from caesura_clients.dashboard.conflicts import ATTEMPTS, edited_again
-from caesura_clients.dashboard.editing import EditRefused, said
-from caesura_clients.editing import is_stale, send
+from caesura_clients.dashboard.correction_requests import EditRefused, said
+from caesura_clients.dashboard.program_form_values import shown_numbers, shown_texts
 from caesura_clients.program_editing import FIELD_WORDS, in_words, reference
 from caesura_clients.query import snapshot
+from caesura_clients.session_corrections import is_stale, send
 from caesura_protocol.app_kinds import APP_KINDS, AppKind
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import App, AppChange, EditProgram, Program, ProgramEdit
 from caesura_protocol.number_words import fixed
-from caesura_protocol.programs.app_times import PLACED, edited_times
+from caesura_protocol.programs.app_time_shifts import PLACED, edited_times
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.document import document
-from caesura_protocol.programs.formats import WRITERS, formats_of
+from caesura_protocol.programs.export_formats import WRITERS, formats_of
 from caesura_protocol.robots import grippers, robot_description
-from caesura_protocol.session_clock import NO_OFFSET, SessionClock
-from caesura_protocol.transport.network import Transport
+from caesura_protocol.session_time_display import NO_OFFSET, SessionClock
+from caesura_protocol.transport.transport_interface import Transport
 from caesura_protocol.validation_words import dotted, first_finding
 
 Request = Mapping[str, Any]

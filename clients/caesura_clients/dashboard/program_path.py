@@ -1,7 +1,7 @@
 """The path of a task program as points in time and space, for the drawing in three dimensions.
 
 An app's row is {number, words, kind, points, via, force}. A point is [t, x, y, z]: time of the program [s]
-and base frame [mm]. Times are those of the program's document (`programs.app_times`): the taught times,
+and base frame [mm]. Times are those of the program's document (`programs.app_time_shifts`): the taught times,
 unless an operator changed order or speed. Points lie on the path that the robot follows
 (`reproduced_path.curve_of`), within the app's tolerance of the taught path. An app without a path is a
 straight line to its target, and one that stays is its position at start and end. An app whose position is

@@ -9,15 +9,15 @@ from typing import Any
 from caesura_clients.dashboard.drawing_updates import common
 from caesura_clients.dashboard.program_edits import app_editing, checked, editing_of
 from caesura_clients.dashboard.program_path import program_path, target_before
+from caesura_protocol.app_force_limit import is_limited, is_path_limited, path_force_in_words, rests_in_words
 from caesura_protocol.app_kinds import APP_KINDS
-from caesura_protocol.force_limit import is_limited, is_path_limited, path_force_in_words, rests_in_words
 from caesura_protocol.messages import App, Program, Vector
 from caesura_protocol.number_words import counted, fixed
-from caesura_protocol.programs.app_times import speed_in_words
+from caesura_protocol.programs.app_time_shifts import speed_in_words
 from caesura_protocol.programs.path_drawing import path_svg
 from caesura_protocol.reproduced_path import NAMED_TURN_RAD, turn_of
-from caesura_protocol.screw_motion import screw_in_words
-from caesura_protocol.session_clock import NO_OFFSET, SessionClock
+from caesura_protocol.screw_torque_and_text import screw_in_words
+from caesura_protocol.session_time_display import NO_OFFSET, SessionClock
 
 NEWEST = 100  # apps that are drawn
 ROWS = {"apps", "path"}  # what a page has row by row

@@ -22,12 +22,12 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
-from caesura_clients.dashboard.editing import EditRefused
+from caesura_clients.dashboard.correction_requests import EditRefused
 from caesura_clients.dashboard.upload_folder import UploadFolder, remove_abandoned
 from caesura_protocol.errors import printable
 from caesura_protocol.formats.foreign_csv import SIGNAL_OF_COLUMN
 from caesura_protocol.messages import ForceFrame, HandOnRobot, Name, WrenchSource
-from caesura_protocol.upright import parse_up, up_text
+from caesura_protocol.up_direction import parse_up, up_text
 from caesura_protocol.validation_words import first_finding
 
 MEGABYTE = 1 << 20
@@ -38,7 +38,7 @@ PLAYS = 2  # at a time
 PLAYED = 12  # that a page lists
 LOOK_S = 120.0  # for reading a recording
 BUSY = "This recording is being read: wait until that is over."
-MODULE = "caesura_clients.dashboard.playback"
+MODULE = "caesura_clients.dashboard.recording_playback_process"
 SUFFIXES = (".npz", ".csv", ".mcap", ".db3")
 _UPLOAD = re.compile(r"[a-z0-9-]{1,64}")
 _PART = re.compile(r"(?!\.)[^/\\\x00-\x1f]{1,120}")

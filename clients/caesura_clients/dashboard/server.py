@@ -19,11 +19,11 @@ from nicegui import Client, app, background_tasks, core, ui
 from starlette.exceptions import HTTPException as StarletteHTTPException
 
 from caesura_clients.dashboard.access import LOOPBACK, AccessMiddleware
-from caesura_clients.dashboard.bounded_log import bound_logs
 from caesura_clients.dashboard.compression import FileCompression
 from caesura_clients.dashboard.dataset_download import MOST_SESSIONS, zipped_dataset
-from caesura_clients.dashboard.elements import PACKAGE, WEB
-from caesura_clients.dashboard.pages import lists, missing, overview, recordings
+from caesura_clients.dashboard.log_throttle import bound_logs
+from caesura_clients.dashboard.nicegui_elements import PACKAGE, WEB
+from caesura_clients.dashboard.pages import error_pages, overview, recording_upload, session_list_and_system
 from caesura_clients.dashboard.pages.compare import ComparePage
 from caesura_clients.dashboard.pages.layout import ASSETS, Site
 from caesura_clients.dashboard.pages.session import SessionPage
@@ -33,8 +33,8 @@ from caesura_clients.dashboard.silent_connections import BoundedProtocol
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
 from caesura_protocol.keys import check_name, parse_samples_parameters
 from caesura_protocol.programs.document import document
-from caesura_protocol.programs.formats import WRITERS
-from caesura_protocol.programs.gripping import with_gripper
+from caesura_protocol.programs.export_formats import WRITERS
+from caesura_protocol.programs.program_gripper import with_gripper
 
 DATASETS = "/datasets"
 PROGRAMS = "/programs"
@@ -160,7 +160,7 @@ def declare(site: Site) -> None:
 
     @ui.page("/sessions")
     def _sessions() -> None:
-        lists.build_sessions(site)
+        session_list_and_system.build_sessions(site)
 
     @ui.page("/sessions/{station}/{session}")
     async def _session(station: str, session: str) -> None:
@@ -178,11 +178,11 @@ def declare(site: Site) -> None:
 
     @ui.page("/recordings")
     def _recordings() -> None:
-        recordings.build(site)
+        recording_upload.build(site)
 
     @ui.page("/system")
     def _system() -> None:
-        lists.build_system(site)
+        session_list_and_system.build_system(site)
 
 
 def declare_files(site: Site) -> None:
@@ -211,18 +211,18 @@ def declare_files(site: Site) -> None:
         await _read(site, *named)
         return _shown(request, await asyncio.to_thread(_zip_file, site, named), "/sessions")
 
-    @app.put(f"{recordings.UPLOADS}/{{upload}}/{{name:path}}")
+    @app.put(f"{recording_upload.UPLOADS}/{{upload}}/{{name:path}}")
     async def _upload(upload: str, name: str, request: Request) -> Response:
-        return await recordings.received(site, upload, name, request)
+        return await recording_upload.received(site, upload, name, request)
 
 
 async def _not_found(request: Request, error: Exception) -> Response:
     """Return a page with the menu; for other resources only the reason."""
     assert isinstance(error, StarletteHTTPException)
-    if request.url.path.startswith((ASSETS, DATASETS, SAMPLES, PROGRAMS, recordings.UPLOADS)):
+    if request.url.path.startswith((ASSETS, DATASETS, SAMPLES, PROGRAMS, recording_upload.UPLOADS)):
         return await http_exception_handler(request, error)
     with Client(ui.page(""), request=request) as client:
-        missing.build(request.url.path, error.detail)
+        error_pages.build(request.url.path, error.detail)
     return client.build_response(request, 404)
 
 
@@ -231,7 +231,7 @@ def _shown(request: Request, answer: Response, back: str) -> Response:
     if answer.status_code < 400 or "text/html" not in request.headers.get("accept", ""):
         return answer
     with Client(ui.page(""), request=request) as client:
-        missing.build_refusal(bytes(answer.body).decode(), back)
+        error_pages.build_refusal(bytes(answer.body).decode(), back)
     return client.build_response(request, answer.status_code)
 
 

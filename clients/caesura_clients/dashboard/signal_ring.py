@@ -15,10 +15,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.extremes import Extremes, between, bins_of, extremes_of, joined, packed, points_of
+from caesura_protocol.gap_free_sample_runs import RunSplitter, Speed, chosen_columns, drawn_columns, in_metres
 from caesura_protocol.keys import SampleRange
 from caesura_protocol.messages import ForceFrame, Gap, LengthUnit, RecordedSamples
-from caesura_protocol.sample_runs import RunSplitter, Speed, chosen_columns, drawn_columns, in_metres
+from caesura_protocol.minmax_decimation import (
+    Extremes,
+    between,
+    bins_of,
+    extremes_of,
+    joined,
+    packed,
+    points_of,
+)
 
 BIN_S = 0.04
 SPAN_S = 60.0

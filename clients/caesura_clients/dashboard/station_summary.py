@@ -11,11 +11,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from caesura_clients.parallel_sessions import REMEDY, in_words
-from caesura_clients.results import Update
+from caesura_clients.session_state_reader import Update
+from caesura_clients.station_name_conflicts import REMEDY, in_words
 from caesura_protocol.messages import BridgeStatus, ServiceStatus
 from caesura_protocol.number_words import counted
-from caesura_protocol.session_clock import SessionClock, clock_from, clock_of, is_of_day
+from caesura_protocol.session_time_display import SessionClock, clock_from, clock_of, is_of_day
 
 STALE_S = 2.0
 BEGINS_S = 60.0  # a session of its own clock has its first segment by then; `begin` of session_view.js

@@ -10,7 +10,7 @@ from caesura_protocol.messages import JournalReport, ServiceStatus
 
 if TYPE_CHECKING:
     from caesura_clients.dashboard.station_summary import DashboardState
-    from caesura_clients.results import Update
+    from caesura_clients.session_state_reader import Update
 
 Table = list[dict[str, Any]]
 

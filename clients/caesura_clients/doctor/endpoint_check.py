@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from caesura_clients.doctor.findings import CheckResult, graded
 from caesura_protocol.errors import AccessDenied, CaesuraError, Unreachable
 from caesura_protocol.number_words import counted
+from caesura_protocol.transport.default_endpoint import DEFAULT_ENDPOINT
 from caesura_protocol.transport.diagnosis import CERTIFICATE_WARNS_S
-from caesura_protocol.transport.endpoints import DEFAULT_ENDPOINT
 
 TIMEOUT_S = 2.0
 CHECK = "endpoint"

@@ -6,7 +6,6 @@ import time
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 
-from caesura_clients.parallel_sessions import ParallelSessions
 from caesura_clients.query import (
     QUERY_ATTEMPTS,
     decoded,
@@ -14,6 +13,7 @@ from caesura_clients.query import (
     services,
     stations,
 )
+from caesura_clients.station_name_conflicts import ParallelSessions
 from caesura_protocol.codec import decode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import (
@@ -34,7 +34,7 @@ from caesura_protocol.messages import (
     Snapshot,
 )
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample
-from caesura_protocol.transport.network import NOTHING, Transport
+from caesura_protocol.transport.transport_interface import NOTHING, Transport
 
 MOST_BATCHES = 20_000  # that are kept while listening: 400 s of one station, 12 s of 32
 _ANY_MAJOR = service_key("*", "alive").replace(ROOT, f"{ROOT.partition('/')[0]}/*", 1)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from caesura_clients.doctor import instances, signal, stations
+from caesura_clients.doctor import service_checks, signal, stations
 from caesura_clients.doctor.endpoint_check import check_certificate, check_endpoint, no_session
 from caesura_clients.doctor.findings import CheckResult, graded
 from caesura_clients.doctor.probes import ProbeResult, probe_network
@@ -17,7 +17,7 @@ from caesura_protocol.formats.sample_checks import check_clock, check_time_steps
 from caesura_protocol.messages import WRENCH_SOURCES
 from caesura_protocol.recording import ASSUMED_ORDER, Recording, RecordingError
 from caesura_protocol.sample_limits import TARE_S
-from caesura_protocol.transport.network import Transport
+from caesura_protocol.transport.transport_interface import Transport
 from caesura_protocol.transport.zenoh_transport import ZenohTransport, certificate_end_at, endpoint_of
 
 CONNECT_S = 3.0
@@ -61,11 +61,11 @@ def examine_network(transport: Transport, station: str = "*", *, seconds: float)
 
 def judge(probed: ProbeResult, station: str = "*") -> Iterator[CheckResult]:
     """Yield every check on a probe's result. station: whose absence is a fault; `*`: none."""
-    yield from instances.check_services(probed)
-    yield from instances.check_credentials(probed)
-    yield from instances.check_owners(probed)
+    yield from service_checks.check_services(probed)
+    yield from service_checks.check_credentials(probed)
+    yield from service_checks.check_owners(probed)
     for reported in probed.reported:
-        yield from instances.check_instance(reported)
+        yield from service_checks.check_instance(reported)
     known = stations.stations_of(probed)
     for one in known:
         yield from stations.check_station(one)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from caesura_clients.doctor.findings import CheckResult, graded
 from caesura_protocol.messages import Quantity
 from caesura_protocol.plausibility import METRES, implausible
-from caesura_protocol.pose_rate import slow_pose
+from caesura_protocol.pose_update_rate import slow_pose
 from caesura_protocol.recording import Recording, unit_remedy
 from caesura_protocol.sample_limits import HOLE_S
 

@@ -16,7 +16,7 @@ from caesura_clients.doctor.signal import (
     check_samples,
     check_units,
 )
-from caesura_clients.parallel_sessions import REMEDY, in_words
+from caesura_clients.station_name_conflicts import REMEDY, in_words
 from caesura_protocol.codec import signals_of, unpack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import ESTIMATE, WRENCH_SOURCES, BridgeStatus, SampleBatch, SessionStatus

@@ -14,18 +14,18 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from typing import Protocol
 
-from caesura_clients.following import SessionRemoved, events
 from caesura_clients.query import current_sessions
 from caesura_clients.repeating_threads import RepeatingThreads
-from caesura_clients.results import Update
-from caesura_clients.viewer.live_messages import LiveMessage, LiveStation
+from caesura_clients.session_follower import SessionRemoved, events
+from caesura_clients.session_state_reader import Update
+from caesura_clients.viewer.live_mcap_messages import LiveMessage, LiveStation
 from caesura_clients.viewer.missing_samples import MissingSamples, MissingSpan
 from caesura_protocol.codec import decode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Heartbeat, SampleBatch
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample
-from caesura_protocol.transport.network import Transport
+from caesura_protocol.transport.transport_interface import Transport
 
 TICK_S = 0.1  # how soon a new subscription is served, and how soon a thread sees that it is over
 REFRESH_S = 2.0

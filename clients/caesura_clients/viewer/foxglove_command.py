@@ -12,10 +12,10 @@ import typer
 from caesura_clients.cli.connection_options import Config, Connect, OnlyStation
 from caesura_clients.cli.options import connected, named, only_station, reported
 from caesura_clients.cli.wait_diagnosis import print_wait_reason
-from caesura_clients.viewer.waiting import wait_for_the_end
-from caesura_protocol.distribution import import_extra
+from caesura_clients.viewer.wait_for_interrupt import wait_for_the_end
 from caesura_protocol.errors import CaesuraError
-from caesura_protocol.transport.network import QUERY_TIMEOUT_S
+from caesura_protocol.package_version_and_extras import import_extra
+from caesura_protocol.transport.transport_interface import QUERY_TIMEOUT_S
 
 DEFAULT_PORT = 8765  # Foxglove's own
 LAYOUT = "foxglove_layout.json"

@@ -15,9 +15,9 @@ from typing import Self
 import foxglove
 from foxglove.websocket import ChannelView, Client, ServerListener, WebSocketServer
 
-from caesura_clients.viewer.live_messages import LiveMessage
+from caesura_clients.viewer.live_mcap_messages import LiveMessage
 from caesura_protocol.errors import CaesuraError
-from caesura_protocol.formats.mcap_messages import CHANNELS, schema_of
+from caesura_protocol.formats.mcap_schemas import CHANNELS, schema_of
 from caesura_protocol.number_words import counted
 
 BACKLOG = 16384  # messages for a slow viewer: five seconds of a robot at 1 kHz

@@ -17,7 +17,7 @@ from caesura_clients.full_samples import read_range, width_of
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.formats.raw_recording import Array
 from caesura_protocol.keys import SampleRange
-from caesura_protocol.transport.network import QUERY_TIMEOUT_S, Transport
+from caesura_protocol.transport.transport_interface import QUERY_TIMEOUT_S, Transport
 
 PATIENCE_S = 2.0  # for the service to receive and record what was lost
 ASK_EVERY_S = 0.1

@@ -10,9 +10,9 @@ import typer
 from caesura_clients.cli.connection_options import Config, Connect, OnlyStation
 from caesura_clients.cli.options import connected, named, only_station, reported
 from caesura_clients.cli.wait_diagnosis import print_wait_reason
-from caesura_clients.viewer.waiting import wait_for_the_end
-from caesura_protocol.distribution import import_extra
-from caesura_protocol.transport.network import QUERY_TIMEOUT_S
+from caesura_clients.viewer.wait_for_interrupt import wait_for_the_end
+from caesura_protocol.package_version_and_extras import import_extra
+from caesura_protocol.transport.transport_interface import QUERY_TIMEOUT_S
 
 VIEWER = "rerun+http://127.0.0.1:9876/proxy"  # where `rerun` listens
 

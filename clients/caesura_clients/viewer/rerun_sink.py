@@ -19,7 +19,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import rerun as rr
 
-from caesura_clients.viewer.live_messages import LiveMessage
+from caesura_clients.viewer.live_mcap_messages import LiveMessage
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.number_words import counted

@@ -15,15 +15,15 @@ from nicegui.element import Element
 from nicegui.elements.mixins.text_element import TextElement
 from nicegui.events import GenericEventArguments
 
-from caesura_clients.dashboard.elements import WEB
+from caesura_clients.dashboard.nicegui_elements import WEB
 from caesura_clients.dashboard.server import Address, run
-from caesura_lab.annotation.editing import AnnotationEditor, EditError, Entry, milliseconds, segment_at
+from caesura_lab.annotation.edits import AnnotationEditor, EditError, Entry, milliseconds, segment_at
 from caesura_lab.annotation.signals import PlottedSignals
 from caesura_lab.annotation.storage import save_annotation
-from caesura_lab.annotations import KINDS
+from caesura_lab.ground_truth import KINDS
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.number_words import counted
-from caesura_protocol.session_clock import NO_OFFSET, SessionClock
+from caesura_protocol.session_time_display import NO_OFFSET, SessionClock
 
 ASSETS = "/assets"
 _HEAD = (

@@ -12,8 +12,8 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from caesura_lab.annotation.editing import Document, milliseconds
-from caesura_lab.annotations import SUFFIX, RecordingSource, TruthError, read_annotation, truth_of
+from caesura_lab.annotation.edits import Document, milliseconds
+from caesura_lab.ground_truth import SUFFIX, RecordingSource, TruthError, read_annotation, truth_of
 from caesura_protocol.errors import SourceError
 from caesura_protocol.recording import Recording
 

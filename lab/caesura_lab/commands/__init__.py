@@ -15,17 +15,17 @@ check_installed()
 
 COMMANDS = {
     "segment": "caesura_lab.commands.segment:segment",
-    "check": "caesura_lab.commands.check:check",
-    "execute": "caesura_lab.commands.check:execute",
+    "check": "caesura_lab.commands.check_and_execute:check",
+    "execute": "caesura_lab.commands.check_and_execute:execute",
     "evaluate": "caesura_lab.commands.evaluate:evaluate",
     "report": "caesura_lab.commands.report:report",
     "demo": "caesura_lab.commands.demo:demo",
     "export": "caesura_lab.commands.export:export_recording",
 }
 
-add_command(sessions, "export", "caesura_lab.commands.sessions:export")
-add_command(sessions, "delete", "caesura_lab.commands.sessions:delete")
-add_command(sessions, "journals", "caesura_lab.commands.sessions:journals")
+add_command(sessions, "export", "caesura_lab.commands.journal_sessions:export")
+add_command(sessions, "delete", "caesura_lab.commands.journal_sessions:delete")
+add_command(sessions, "journals", "caesura_lab.commands.journal_sessions:journals")
 
 
 def register(app: typer.Typer) -> None:

@@ -20,10 +20,10 @@ from caesura_clients.cli.options import (
     WrenchSource,
     reported,
 )
-from caesura_lab.annotations import truth_file
 from caesura_lab.commands.options import Mapping, RecordingFile
+from caesura_lab.ground_truth import truth_file
 from caesura_protocol.formats.read import load_recording
-from caesura_protocol.session_clock import clock_from
+from caesura_protocol.session_time_display import clock_from
 
 DEFAULT_PORT = 8081
 
@@ -50,7 +50,7 @@ def annotate(
 ) -> None:
     """Mark boundaries and classes of a recording by hand, in a browser on this machine."""
     from caesura_clients.dashboard.server import Address, check_free  # noqa: PLC0415
-    from caesura_lab.annotation.editing import AnnotationEditor, milliseconds  # noqa: PLC0415
+    from caesura_lab.annotation.edits import AnnotationEditor, milliseconds  # noqa: PLC0415
     from caesura_lab.annotation.page import AnnotationSession, serve  # noqa: PLC0415
     from caesura_lab.annotation.signals import plotted_signals  # noqa: PLC0415
     from caesura_lab.annotation.storage import (  # noqa: PLC0415

@@ -14,9 +14,8 @@ from rich.console import Console, RenderableType
 from rich.progress import MofNCompleteColumn, Progress
 
 from caesura_clients.cli.options import AngleUnit, ForceFrame, ForceUnit, TimeUnit, UpOption, reported
-from caesura_lab.annotations import ToleranceOptions, TruthError
-from caesura_lab.evaluation import calibration, diagram
-from caesura_lab.evaluation import library_comparison as libraries
+from caesura_lab.evaluation import calibration, reliability_diagram
+from caesura_lab.evaluation import motion_library_evidence as libraries
 from caesura_lab.evaluation.calibration import calibrate
 from caesura_lab.evaluation.methods import Method, MissingExtraError, PresetMethod, baselines
 from caesura_lab.evaluation.report import as_json, report
@@ -36,10 +35,11 @@ from caesura_lab.evaluation.suites import (
 )
 from caesura_lab.evaluation.tables import as_markdown, as_text
 from caesura_lab.evaluation.worker_pool import each
-from caesura_protocol.distribution import import_extra, install_command
+from caesura_lab.ground_truth import ToleranceOptions, TruthError
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.number_words import counted
-from caesura_protocol.programs.program_timing import RunSpeed
+from caesura_protocol.package_version_and_extras import import_extra, install_command
+from caesura_protocol.programs.document_timing import RunSpeed
 from caesura_protocol.recording import RecordingError
 from caesura_protocol.robots import robot_description
 from caesura_service.changepoint.presets import KNOWN_PRESETS, WITHOUT
@@ -291,14 +291,14 @@ OTHER_SUITES: Mapping[str, tuple[Callable[[Path, range, int], ResultPage], int]]
 
 
 def _mutation_page(count: int, workers: int) -> ResultPage:
-    from caesura_lab.evaluation import mutations  # noqa: PLC0415
+    from caesura_lab.evaluation import program_mutations  # noqa: PLC0415
 
     numbers = range(count)
-    fates = list(_with_progress(each(mutations.run_mutation, numbers, workers=workers), numbers))
+    fates = list(_with_progress(each(program_mutations.run_mutation, numbers, workers=workers), numbers))
     return ResultPage(
-        text=lambda: mutations.as_text(fates),
-        markdown=lambda: mutations.as_markdown(fates),
-        plain=lambda: mutations.as_json(fates),
+        text=lambda: program_mutations.as_text(fates),
+        markdown=lambda: program_mutations.as_markdown(fates),
+        plain=lambda: program_mutations.as_json(fates),
     )
 
 
@@ -348,8 +348,10 @@ def _check_calibration(
         )
     if file is not None and not calibrated:
         raise TruthError(f"--diagram {file} draws a calibration: add --calibration")
-    if file is not None and file.suffix.lower() not in diagram.SUFFIXES:
-        raise TruthError(f"{file}: suffix {file.suffix!r}, expected one of {', '.join(diagram.SUFFIXES)}")
+    if file is not None and file.suffix.lower() not in reliability_diagram.SUFFIXES:
+        raise TruthError(
+            f"{file}: suffix {file.suffix!r}, expected one of {', '.join(reliability_diagram.SUFFIXES)}"
+        )
 
 
 def _check_robot(robot: str | None, suite_name: str | None) -> None:
@@ -381,7 +383,7 @@ def _check_reading(reading: ReadingOptions, suite_name: str | None) -> None:
 
 def _draw(result: calibration.CalibrationReport, file: Path) -> None:
     try:
-        diagram.write(result, file)
+        reliability_diagram.write(result, file)
     except ModuleNotFoundError as error:
         message = f"{error.name} is not installed; {install_command('report')}, or leave out --diagram"
         raise MissingExtraError(message) from error

@@ -15,16 +15,16 @@ import typer
 
 from caesura_clients.cli.options import ProgramOptions, Reading, grouped, reported
 from caesura_clients.cli.result_tables import ignored_line
-from caesura_lab.commands.dataset_options import DATASET_OPTIONS, DatasetOptions, write_dataset
+from caesura_lab.commands.dataset_export_options import DATASET_OPTIONS, DatasetOptions, write_dataset
 from caesura_lab.commands.options import Mapping, PresetName, RecordingFiles, namesakes
 from caesura_lab.commands.segment import segmented
 from caesura_lab.recording_warnings import without_confirmed
-from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import CaesuraError
-from caesura_protocol.formats.mcap_messages import TaskProgram
+from caesura_protocol.formats.mcap_schemas import TaskProgram
 from caesura_protocol.formats.read import load_recording, recordings_of
 from caesura_protocol.formats.write import WRITERS, check_writable
 from caesura_protocol.number_words import counted
+from caesura_protocol.package_version_and_extras import import_extra
 from caesura_protocol.recording import Recording
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.offline_segmentation import opening_of

@@ -11,14 +11,14 @@ from typing import Annotated
 import typer
 
 from caesura_clients.cli.options import ProgramOptions, Reading, grouped, reported
-from caesura_lab.annotations import Truth, read_annotation, truth_file
 from caesura_lab.commands.options import Mapping, PresetName, RecordingFile
 from caesura_lab.commands.segment import announce_compilation
+from caesura_lab.ground_truth import Truth, read_annotation, truth_file
 from caesura_lab.report.report_data import ReportData, collect
-from caesura_lab.report.session_times import from_start
-from caesura_protocol.distribution import install_command
+from caesura_lab.report.times_from_start import from_start
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError
 from caesura_protocol.formats.read import load_recording
+from caesura_protocol.package_version_and_extras import install_command
 from caesura_protocol.recording import Recording
 from caesura_service.config import DEFAULT_PRESET
 

@@ -16,7 +16,7 @@ from rich.progress import Progress
 from rich.text import Text
 
 from caesura_clients.cli.options import ProgramOptions, Reading, grouped, reported
-from caesura_clients.cli.recording_questions import Answered, ask_about
+from caesura_clients.cli.recording_file_prompts import Answered, ask_about
 from caesura_clients.cli.result_tables import (
     apps_table,
     clock_lines,
@@ -34,11 +34,11 @@ from caesura_protocol.formats.read import load_recording, recordings_of
 from caesura_protocol.number_words import counted
 from caesura_protocol.recording import Recording
 from caesura_protocol.sample_limits import HOLE_S
-from caesura_protocol.session_clock import SessionClock, clock_of
+from caesura_protocol.session_time_display import SessionClock, clock_of
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.numba_support import has_kernels, is_compiled
 from caesura_service.offline_segmentation import segment_recording
-from caesura_service.segmentation.view import PipelineView, notes_beside_tables
+from caesura_service.segmentation.pipeline_interface import PipelineView, notes_beside_tables
 
 SHOWN_GAPS = 5
 

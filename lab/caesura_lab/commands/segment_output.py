@@ -11,10 +11,10 @@ from typing import Any
 import typer
 
 from caesura_lab.commands.options import namesakes
-from caesura_protocol.distribution import installed_version
 from caesura_protocol.errors import SourceError
+from caesura_protocol.package_version_and_extras import installed_version
 from caesura_service.offline_segmentation import as_json
-from caesura_service.segmentation.view import PipelineView
+from caesura_service.segmentation.pipeline_interface import PipelineView
 
 STDOUT = Path("-")
 

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_lab.evaluation.observations import Signals, grid_signals
+from caesura_lab.evaluation.conditioned_signals import Signals, grid_signals
 from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation
 from caesura_protocol.recording import Recording
 

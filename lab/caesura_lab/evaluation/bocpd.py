@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from caesura_lab.evaluation.baselines import CONTACT_N, MOVING_M_PER_S
 from caesura_lab.evaluation.chosen_settings import GAUSSIAN, STUDENT, GaussianSettings, StudentSettings
+from caesura_lab.evaluation.conditioned_signals import Signals
 from caesura_lab.evaluation.features import log_features
-from caesura_lab.evaluation.observations import Signals
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

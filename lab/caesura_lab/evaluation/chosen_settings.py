@@ -1,6 +1,6 @@
 """Settings of the baselines that have no principle for them, chosen on the simulated teacher.
 
-    python -m caesura_lab.evaluation.settings --seeds 20 --first-seed 500
+    python -m caesura_lab.evaluation.baseline_settings_search --seeds 20 --first-seed 500
 
 chose them when simulated people had no habits, and states their F1 beside those that it finds now. No real
 recording is used.

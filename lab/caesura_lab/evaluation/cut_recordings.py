@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from caesura_lab.annotations import Truth
 from caesura_lab.evaluation.sensor_conditions import rows_of
+from caesura_lab.ground_truth import Truth
 from caesura_protocol.recording import Recording
 
 # From which share of a demonstration to which.

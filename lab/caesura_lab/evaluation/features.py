@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_lab.evaluation.observations import Signals
+from caesura_lab.evaluation.conditioned_signals import Signals
 
 Array = NDArray[np.float64]
 

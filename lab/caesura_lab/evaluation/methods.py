@@ -15,11 +15,11 @@ from caesura_lab.evaluation.baselines import Baseline, every_second, one_segment
 from caesura_lab.evaluation.bocpd import gaussian_log, student_speed
 from caesura_lab.evaluation.metrics import TimedEstimate
 from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation
-from caesura_protocol.distribution import install_command
 from caesura_protocol.messages import Segment
+from caesura_protocol.package_version_and_extras import install_command
 from caesura_protocol.recording import Recording
 from caesura_service.offline_segmentation import views
-from caesura_service.segmentation.view import PipelineView
+from caesura_service.segmentation.pipeline_interface import PipelineView
 
 
 class Method(Protocol):

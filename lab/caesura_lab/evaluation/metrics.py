@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from caesura_lab.evaluation.pairing import best_pairs
+from caesura_lab.evaluation.linear_assignment import best_pairs
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -23,9 +23,9 @@ from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
 from caesura_lab.path_distance import furthest
 from caesura_protocol.app_kinds import APP_KINDS, app_name, app_number, app_title
 from caesura_protocol.messages import App, Vector
-from caesura_protocol.programs.app_times import rests_of
+from caesura_protocol.programs.app_time_shifts import rests_of
 from caesura_protocol.programs.document import document_of_apps
-from caesura_protocol.programs.program_timing import RunSpeed
+from caesura_protocol.programs.document_timing import RunSpeed
 from caesura_protocol.programs.safety import CellSettings, Safety
 from caesura_protocol.recording import Recording
 

@@ -28,9 +28,9 @@ from scipy.optimize import minimize
 from scipy.special import expit
 from scipy.stats import rankdata
 
-from caesura_lab.annotations import TruthError
 from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
-from caesura_lab.teacher.movements import (
+from caesura_lab.ground_truth import TruthError
+from caesura_lab.teacher.movement_statistics import (
     MOVING_M_PER_S,
     SMALL_M_PER_S,
     clear_dips,

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from caesura_lab.annotations import Truth
+from caesura_lab.ground_truth import Truth
 from caesura_protocol.recording import Recording
 
 # How much longer it takes, and how much larger its path is.

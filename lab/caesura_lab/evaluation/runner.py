@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from caesura_lab.annotations import ToleranceOptions, Truth
+from caesura_lab.evaluation.conditioned_signals import grid_signals
 from caesura_lab.evaluation.methods import Method
-from caesura_lab.evaluation.observations import grid_signals
 from caesura_lab.evaluation.score import Score, score
 from caesura_lab.evaluation.suites import Case
 from caesura_lab.evaluation.worker_pool import each
+from caesura_lab.ground_truth import ToleranceOptions, Truth
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.recording import RecordingError
 

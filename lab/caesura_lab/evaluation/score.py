@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from caesura_lab.annotations import MeasuredQuantity, ScrewStroke, TrueChangepoint, Truth
 from caesura_lab.evaluation.metrics import (
     ROUNDING_S,
     Labelled,
@@ -27,6 +26,7 @@ from caesura_lab.evaluation.metrics import (
     segments_with_events,
     withdrawn,
 )
+from caesura_lab.ground_truth import MeasuredQuantity, ScrewStroke, TrueChangepoint, Truth
 
 Vector = tuple[float, float, float]
 

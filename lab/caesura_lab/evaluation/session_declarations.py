@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from caesura_lab.annotations import Truth
+from caesura_lab.ground_truth import Truth
 from caesura_protocol.recording import Recording
 
 WITH_HAND = "flange_sensor_with_hand"

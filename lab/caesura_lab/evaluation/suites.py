@@ -15,7 +15,12 @@ from zlib import crc32
 
 import numpy as np
 
-from caesura_lab.annotations import (
+from caesura_lab.evaluation.cut_recordings import WINDOWS, in_window
+from caesura_lab.evaluation.rescaled_recordings import TEMPI, in_tempo
+from caesura_lab.evaluation.sensor_conditions import CONDITIONS
+from caesura_lab.evaluation.session_declarations import with_declarations
+from caesura_lab.evaluation.shifted_starts import STARTS, begun
+from caesura_lab.ground_truth import (
     SUFFIX,
     RecordingSource,
     Truth,
@@ -25,14 +30,9 @@ from caesura_lab.annotations import (
     truth_file,
     truth_of,
 )
-from caesura_lab.evaluation.cut_recordings import WINDOWS, in_window
-from caesura_lab.evaluation.rescaled_recordings import TEMPI, in_tempo
-from caesura_lab.evaluation.sensor_conditions import CONDITIONS
-from caesura_lab.evaluation.session_declarations import with_declarations
-from caesura_lab.evaluation.shifted_starts import STARTS, begun
 from caesura_lab.teacher.motion_profiles import PROFILES, Profile
 from caesura_lab.teacher.scenarios import BASIC, SKILLS
-from caesura_protocol.formats.column_mapping import load_mapping
+from caesura_protocol.formats.mapping_file_read import load_mapping
 from caesura_protocol.formats.read import is_bag, load_recording
 from caesura_protocol.plausibility import METRES
 from caesura_protocol.recording import Recording

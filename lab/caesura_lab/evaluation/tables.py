@@ -13,7 +13,6 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from caesura_lab.annotations import KINDS
 from caesura_lab.evaluation.metrics import f1
 from caesura_lab.evaluation.report import (
     IN_SETS,
@@ -28,6 +27,7 @@ from caesura_lab.evaluation.report import (
 )
 from caesura_lab.evaluation.score import Score, class_accuracy
 from caesura_lab.evaluation.summary import Estimate
+from caesura_lab.ground_truth import KINDS
 from caesura_protocol.number_words import counted
 
 TYPICAL = 8  # so many lines of each list of errors

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from ruptures.base import BaseCost
 
 from caesura_lab.evaluation.chosen_settings import KERNEL, KernelSettings
+from caesura_lab.evaluation.conditioned_signals import Signals
 from caesura_lab.evaluation.features import log_features, vector_features
-from caesura_lab.evaluation.observations import Signals
 
 Array = NDArray[np.float64]
 # What a hand at rest and a sensor in use leave unexplained: nothing smaller is distinguished.

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from caesura_lab.execution.cell import Cell
-from caesura_lab.teacher.fingertip_contact import Surface
+from caesura_lab.execution.cell_limits import Cell
+from caesura_lab.teacher.hand_motion_plan import WIDTH_OBJECT_M, WIDTH_OPEN_M
+from caesura_lab.teacher.level_surface_contact import Surface
 from caesura_lab.teacher.motion_profiles import Array, Vector
-from caesura_lab.teacher.plan import WIDTH_OBJECT_M, WIDTH_OPEN_M
 from caesura_lab.teacher.scenarios import Scenario
-from caesura_protocol.programs.gripping import GRIP_REACH_M
+from caesura_protocol.programs.program_gripper import GRIP_REACH_M
 from caesura_protocol.programs.safety import DEFAULT, Safety
 
 SETTLED_M = 1e-4

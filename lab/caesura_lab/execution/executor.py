@@ -20,14 +20,14 @@ from caesura_lab.execution.simulated_arm import SimulatedArm
 from caesura_lab.execution.skills import SkillController
 from caesura_lab.teacher.guided_arm import SimulationTrace
 from caesura_lab.teacher.hand_force import force_profile
+from caesura_lab.teacher.hand_motion_plan import Plan
 from caesura_lab.teacher.person import Person
-from caesura_lab.teacher.plan import Plan
+from caesura_lab.teacher.robot_sensors import Sensors
 from caesura_lab.teacher.scenarios import Scenario
-from caesura_lab.teacher.sensor import Sensors
 from caesura_protocol.messages import App, Vector, WrenchSource
-from caesura_protocol.programs.app_times import run_times
+from caesura_protocol.programs.app_time_shifts import run_times
 from caesura_protocol.programs.checks.findings import RefusedError
-from caesura_protocol.programs.gripping import within_gripper
+from caesura_protocol.programs.program_gripper import within_gripper
 from caesura_protocol.programs.safety import DEFAULT, Safety
 from caesura_protocol.recording import Recording
 from caesura_protocol.robots import GripperDescription

@@ -31,9 +31,9 @@ from caesura_lab.teacher.guided_arm import (
     with_inertia,
     with_weight,
 )
+from caesura_lab.teacher.hand_motion_plan import DT, TICKS_PER_S
 from caesura_lab.teacher.motion_profiles import Array, Vector
-from caesura_lab.teacher.plan import DT, TICKS_PER_S
-from caesura_lab.teacher.shapes import contact_with
+from caesura_lab.teacher.shaped_surface_contact import contact_with
 from caesura_lab.teacher.small_matrices import eigh, solve
 from caesura_protocol.reproduced_path import Curve
 from caesura_service.constants import GRAVITY

@@ -17,15 +17,15 @@ import numpy as np
 from caesura_lab.execution.safety_monitor import RobotStopped, SafetyMonitor
 from caesura_lab.execution.simulated_arm import ArmMeasurement, Setpoint, SimulatedArm
 from caesura_lab.execution.trajectories import ASTRAY_M, app_path, approach_direction, arrival_speed
+from caesura_lab.teacher.hand_motion_plan import DT
 from caesura_lab.teacher.motion_profiles import Array
-from caesura_lab.teacher.plan import DT
 from caesura_protocol.app_kinds import APP_KINDS, AppKind
 from caesura_protocol.messages import App, ScrewMotion, ViaPoint
-from caesura_protocol.programs.app_times import goes_on, rest_newtons, rests_of
+from caesura_protocol.programs.app_time_shifts import goes_on, rest_newtons, rests_of
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.reproduced_path import Curve
 from caesura_protocol.rotations import cross, matrix_of, quaternion_of, turning_of
-from caesura_protocol.screw_motion import stop_torque_nm
+from caesura_protocol.screw_torque_and_text import stop_torque_nm
 
 RISE_S, RELEASE_S = 0.15, 0.15  # longest time in which a force is built up; in which it is let go
 FORCE_GAIN_PER_S, FORCE_CORRECTION_N = 40.0, 8.0

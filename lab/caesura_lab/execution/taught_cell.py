@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from caesura_lab.execution.executor import SimulatedCell
-from caesura_lab.teacher.fingertip_contact import Surface
 from caesura_lab.teacher.guided_arm import lever_along
+from caesura_lab.teacher.level_surface_contact import Surface
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.person import THESIS, Person
 from caesura_lab.teacher.scenarios import Scenario, Step
@@ -25,7 +25,7 @@ from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import App, Quaternion, Vector
 from caesura_protocol.number_words import counted
 from caesura_protocol.programs.export_limits import without_friction
-from caesura_protocol.programs.gripping import GRIP_REACH_M
+from caesura_protocol.programs.program_gripper import GRIP_REACH_M
 from caesura_protocol.reproduced_path import knots_of
 from caesura_protocol.rotations import matrix_of
 

@@ -22,7 +22,7 @@ from caesura_protocol.formats.mcap_write import entries as entries_of
 from caesura_protocol.formats.mcap_write import write_mcap as write
 from caesura_service.segmentation.opening_layout import layout_of
 from caesura_service.signals import SampleLayout
-from caesura_service.signals.flange import columns_of, flange_rows
+from caesura_service.signals.flange_pose_and_force import columns_of, flange_rows
 
 
 def write_mcap(path: Path, session: SessionExport) -> int:

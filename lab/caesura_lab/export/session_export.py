@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 from caesura_protocol.codec import unpack_samples
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.formats.mcap_messages import TaskProgram
+from caesura_protocol.formats.mcap_schemas import TaskProgram
 from caesura_protocol.messages import Close, Describe, Description, Open, Program, SampleBatch
 from caesura_protocol.recording import Recording, RecordingError
 from caesura_service.config import DEFAULT_PRESET
@@ -26,9 +26,9 @@ from caesura_service.program import log_of, with_edits
 from caesura_service.publishing.events import Owner
 from caesura_service.publishing.session_state import SessionState, program_of
 from caesura_service.segmentation.pipeline import make_pipeline
-from caesura_service.segmentation.view import PipelineView
-from caesura_service.sessions.closed_pipeline import view_from_snapshot
+from caesura_service.segmentation.pipeline_interface import PipelineView
 from caesura_service.sessions.limits import Limits
+from caesura_service.sessions.restored_outcome import view_from_snapshot
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_lab.annotations import Truth
+from caesura_lab.ground_truth import Truth
 from caesura_lab.recording_warnings import recording_warnings
 from caesura_lab.report.filter_trace import FilterTrace, PosteriorSnapshot, trace_filter
 from caesura_protocol.number_words import counted
 from caesura_protocol.recording import Recording
 from caesura_service.offline_segmentation import segment_recording
-from caesura_service.segmentation.view import PipelineView
+from caesura_service.segmentation.pipeline_interface import PipelineView
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

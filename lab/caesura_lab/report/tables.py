@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from caesura_clients.cli.result_tables import measures_force
+from caesura_protocol.app_force_limit import force_in_words
 from caesura_protocol.app_kinds import app_number, app_title
-from caesura_protocol.force_limit import force_in_words
 from caesura_protocol.messages import App, Segment, Vector
 from caesura_protocol.reproduced_path import path_in_words
-from caesura_protocol.screw_motion import screw_in_words
-from caesura_service.segmentation.view import PipelineView, notes_beside_tables
+from caesura_protocol.screw_torque_and_text import screw_in_words
+from caesura_service.segmentation.pipeline_interface import PipelineView, notes_beside_tables
 
 
 @dataclass(frozen=True)

@@ -36,10 +36,10 @@ from caesura_lab.retiming.limits import MotionLimits, hurry, limits_of, poses_at
 from caesura_lab.retiming.time_law import AT_REST, Arrival, TimeLawError, fastest
 from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
 from caesura_protocol.messages import App, ViaPoint
-from caesura_protocol.programs.app_times import TURNED_M, may_retime, moved
+from caesura_protocol.programs.app_time_shifts import TURNED_M, may_retime, moved
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.planned_apps import STANDOFF_M
-from caesura_protocol.programs.retiming import retimed
+from caesura_protocol.programs.program_speed import retimed
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.reproduced_path import Curve, curve_of, unit
 from caesura_protocol.rotations import angular_velocities, matrix_of

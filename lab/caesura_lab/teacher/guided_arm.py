@@ -18,10 +18,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from caesura_lab.teacher.hand_force import HandForceController
+from caesura_lab.teacher.hand_motion_plan import DT, TICKS_PER_S, Plan
 from caesura_lab.teacher.motion_profiles import Array, Vector
-from caesura_lab.teacher.plan import DT, TICKS_PER_S, Plan
 from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M
-from caesura_lab.teacher.shapes import contact_with
+from caesura_lab.teacher.shaped_surface_contact import contact_with
 from caesura_lab.teacher.small_matrices import solve
 from caesura_service.constants import GRAVITY
 from caesura_service.robot import HandDynamics, Robot

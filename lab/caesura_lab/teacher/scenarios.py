@@ -19,10 +19,10 @@ from math import cos, radians, sin
 from types import MappingProxyType
 from typing import Literal
 
-from caesura_lab.teacher.fingertip_contact import Surface
+from caesura_lab.teacher.level_surface_contact import Surface
 from caesura_lab.teacher.motion_profiles import Vector
 from caesura_lab.teacher.phase_truth import Event
-from caesura_lab.teacher.shapes import Hole, HorizontalCylinder, Screw
+from caesura_lab.teacher.shaped_surface_contact import Hole, HorizontalCylinder, Screw
 
 FINGERS_BELOW_FLANGE_M = 0.1034
 Kind = Literal["move", "touch", "press", "slide", "grasp", "release", "dwell", "turn", "circle", "insert"]

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from caesura_lab.teacher.fingertip_contact import Surface
-from caesura_lab.teacher.shapes import UP, Screw
-from caesura_lab.teacher.true_spans import TrueState
+from caesura_lab.teacher.contact_and_motion_spans import TrueState
+from caesura_lab.teacher.level_surface_contact import Surface
+from caesura_lab.teacher.shaped_surface_contact import UP, Screw
 
 LEAST_RAD = radians(45.0)  # a shorter stroke leads too little for an advance to be read
 

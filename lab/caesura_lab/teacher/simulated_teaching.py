@@ -21,16 +21,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_lab.teacher.contact_and_motion_spans import TrueState
 from caesura_lab.teacher.guided_arm import GuidedArmSimulation, SimulationTrace
 from caesura_lab.teacher.habits import IDEAL
+from caesura_lab.teacher.hand_motion_plan import DT, make_plan
 from caesura_lab.teacher.motion_profiles import Array, Profile
 from caesura_lab.teacher.person import THESIS, Person, draw_person, habits_stream, with_habits
 from caesura_lab.teacher.phase_truth import phases_of
-from caesura_lab.teacher.plan import DT, make_plan
+from caesura_lab.teacher.robot_sensors import Sensors
 from caesura_lab.teacher.scenarios import SCENARIOS, Scenario, moved
 from caesura_lab.teacher.screw_truth import screws_of
-from caesura_lab.teacher.sensor import Sensors
-from caesura_lab.teacher.true_spans import TrueState
 from caesura_lab.teacher.truth import annotate
 from caesura_protocol.codec import signals_of
 from caesura_protocol.columns import columns_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from caesura_clients.bridge.sources import Source
 from caesura_clients.bridge.sources.file import CHUNK_S
-from caesura_clients.bridge.sources.pacing import PacedSource
+from caesura_clients.bridge.sources.paced_source import PacedSource
 from caesura_clients.bridge.sources.registry import SourceOptions, hand_statement
 from caesura_lab.teacher.simulated_teaching import SimulatedTeaching
 from caesura_protocol.errors import SourceError

@@ -14,9 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from caesura_lab.teacher.motion_profiles import Array
-from caesura_lab.teacher.speed_dips import SMALL_M, guided_dips, ideal_dips
-from caesura_lab.teacher.true_spans import (
+from caesura_lab.teacher.contact_and_motion_spans import (
     REST_S,
     SMOOTH_S,
     START_M_PER_S,
@@ -31,6 +29,8 @@ from caesura_lab.teacher.true_spans import (
     smooth,
     spans_of,
 )
+from caesura_lab.teacher.motion_profiles import Array
+from caesura_lab.teacher.speed_dip_truth import SMALL_M, guided_dips, ideal_dips
 
 Level = Literal["major", "optional"]
 MOVING = ("motion", "transport", "sliding", "turning")

@@ -30,8 +30,7 @@ import numpy as np
 from caesura_protocol import plausibility
 from caesura_protocol.columns import missing_columns, signal_columns
 from caesura_protocol.formats.calendar_time import CALENDAR, is_calendar_time, seconds_of
-from caesura_protocol.formats.column_mapping import ColumnMapping
-from caesura_protocol.formats.csv_text import (
+from caesura_protocol.formats.csv_lines import (
     BLANK,
     cell_of,
     is_comment,
@@ -39,6 +38,7 @@ from caesura_protocol.formats.csv_text import (
     rows_of,
     stated_in_comments,
 )
+from caesura_protocol.formats.mapping_file_read import ColumnMapping
 from caesura_protocol.formats.raw_recording import Array, RawRecording
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_protocol.number_words import counted

@@ -18,7 +18,7 @@ from mcap.exceptions import McapError
 from mcap.reader import McapReader, make_reader
 from zstandard import ZstdError
 
-from caesura_protocol.formats.mcap_messages import RobotState, Wrench
+from caesura_protocol.formats.mcap_schemas import RobotState, Wrench
 from caesura_protocol.formats.mcap_write import METADATA
 from caesura_protocol.formats.raw_recording import Array, RawRecording
 from caesura_protocol.messages import Message

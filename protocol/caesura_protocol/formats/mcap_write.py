@@ -20,8 +20,7 @@ import numpy as np
 from mcap.writer import Writer
 from numpy.typing import NDArray
 
-from caesura_protocol.distribution import installed_version
-from caesura_protocol.formats.mcap_messages import (
+from caesura_protocol.formats.mcap_schemas import (
     BASE,
     CHANNELS,
     FLANGE,
@@ -32,6 +31,7 @@ from caesura_protocol.formats.mcap_messages import (
 )
 from caesura_protocol.formats.write import whole_file
 from caesura_protocol.messages import Changepoint, Description, Gap, Message, Phase, Segment
+from caesura_protocol.package_version_and_extras import installed_version
 from caesura_protocol.recording import Recording
 
 Array = NDArray[np.float64]

@@ -19,7 +19,7 @@ from caesura_protocol.recording import (
     STATED,
     RecordingError,
 )
-from caesura_protocol.upright import UP, up_text
+from caesura_protocol.up_direction import UP, up_text
 
 NPZ_STATED = (*STATED, QUATERNION_ORDER)
 

@@ -15,10 +15,8 @@ from zipfile import BadZipFile
 import numpy as np
 
 from caesura_protocol.columns import missing_columns, signal_columns
-from caesura_protocol.distribution import import_extra
 from caesura_protocol.formats.calendar_time import CALENDAR, EXPECTED, is_calendar_time, seconds_of
-from caesura_protocol.formats.column_mapping import load_mapping
-from caesura_protocol.formats.csv_layout import (
+from caesura_protocol.formats.csv_layout_detection import (
     DELIMITERS,
     PLACES,
     guessed,
@@ -26,9 +24,10 @@ from caesura_protocol.formats.csv_layout import (
     read_layout,
     with_turns,
 )
-from caesura_protocol.formats.csv_text import cell_of, is_comment, read_lines, rows_of, stated_in_comments
+from caesura_protocol.formats.csv_lines import cell_of, is_comment, read_lines, rows_of, stated_in_comments
 from caesura_protocol.formats.foreign_csv import read_foreign_csv
-from caesura_protocol.formats.mapping_text import mapping_text
+from caesura_protocol.formats.mapping_file_read import load_mapping
+from caesura_protocol.formats.mapping_file_write import mapping_text
 from caesura_protocol.formats.npz_read import read_npz
 from caesura_protocol.formats.raw_recording import Array, RawRecording, WrenchStatement
 from caesura_protocol.formats.sample_checks import (
@@ -43,8 +42,9 @@ from caesura_protocol.formats.sample_checks import (
 from caesura_protocol.keys import NAME_PATTERN
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, FORCE_FRAMES, WRENCH_SOURCES, Quantity
 from caesura_protocol.number_words import counted
+from caesura_protocol.package_version_and_extras import import_extra
 from caesura_protocol.plausibility import UNITS
-from caesura_protocol.pose_rate import slow_pose
+from caesura_protocol.pose_update_rate import slow_pose
 from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import (
     ASSUMED_FLAG,
@@ -62,7 +62,7 @@ from caesura_protocol.recording import (
     unit_remedy,
     wrong_option,
 )
-from caesura_protocol.upright import parse_up, up_text
+from caesura_protocol.up_direction import parse_up, up_text
 from caesura_protocol.wrench_faults import read_wrench
 
 BAG_METADATA = "metadata.yaml"  # of a rosbag2, in its directory
@@ -92,8 +92,8 @@ def load_recording(
 
     Csv files have one column per component, named as in `columns` (t, px, py, pz, fx, …), and may state
     options in leading comment lines such as `# length_unit: mm`. mapping: a file that maps the names of a csv
-    or a rosbag2 of other software (`formats.column_mapping`). time_unit, angle_unit, force_unit: of `t`, `q`
-    and `force` in the file; they become s, rad and N. A unit among the arguments is declared, and not
+    or a rosbag2 of other software (`formats.mapping_file_read`). time_unit, angle_unit, force_unit: of `t`,
+    `q` and `force` in the file; they become s, rad and N. A unit among the arguments is declared, and not
     questioned. check_units: refuse samples that are probably in another unit
     (`caesura_protocol.plausibility`), and times that go back. as_stated: keep a wrench that cannot be used
     (`caesura_protocol.wrench_faults`), for a copy of the file; otherwise its source is `none` or its torque

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from caesura_protocol.formats.column_mapping import ColumnMapping
-from caesura_protocol.formats.poses import Transform, flange_of, moved_wrench, point_in_base
+from caesura_protocol.flange_pose import Transform, flange_of, moved_wrench, point_in_base
+from caesura_protocol.formats.mapping_file_read import ColumnMapping
 from caesura_protocol.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, READ, WRENCH
 from caesura_protocol.formats.signal_aligner import NS
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, JOINTS, JOINTS_MOST

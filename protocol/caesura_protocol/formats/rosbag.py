@@ -19,7 +19,7 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader, ReaderError
 
 from caesura_protocol.codec import signals_of
-from caesura_protocol.formats.column_mapping import ColumnMapping
+from caesura_protocol.formats.mapping_file_read import ColumnMapping
 from caesura_protocol.formats.raw_recording import RawRecording, WrenchStatement
 from caesura_protocol.formats.ros_messages import TopicRule, definitions_of, stamp_of, topic_rules
 from caesura_protocol.formats.ros_types import READ, typestore

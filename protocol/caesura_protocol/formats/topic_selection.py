@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from caesura_protocol.columns import JOINT_SIGNALS
-from caesura_protocol.formats.column_mapping import ColumnMapping
+from caesura_protocol.formats.mapping_file_read import ColumnMapping
 from caesura_protocol.formats.raw_recording import WrenchStatement
 from caesura_protocol.formats.ros_messages import TopicRule, Values, frame_of, values_of
 from caesura_protocol.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, WRENCH

@@ -6,7 +6,7 @@ environment on the robot, in the base frame. Readers ignore unknown header field
 
 from caesura_protocol.messages.apps import *
 from caesura_protocol.messages.bridge_control import *
-from caesura_protocol.messages.control import *
+from caesura_protocol.messages.command_and_reply import *
 from caesura_protocol.messages.corrections import *
 from caesura_protocol.messages.field_types import *
 from caesura_protocol.messages.limits import *
@@ -15,6 +15,6 @@ from caesura_protocol.messages.program import *
 from caesura_protocol.messages.program_edits import *
 from caesura_protocol.messages.results import *
 from caesura_protocol.messages.samples import *
-from caesura_protocol.messages.sessions import *
+from caesura_protocol.messages.session_and_service_status import *
+from caesura_protocol.messages.session_commands import *
 from caesura_protocol.messages.snapshot import *
-from caesura_protocol.messages.status import *

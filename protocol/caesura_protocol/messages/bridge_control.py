@@ -9,7 +9,7 @@ from pydantic import Field
 from caesura_protocol.messages.field_types import LINE, BridgeState, Count, Name, StatusText
 from caesura_protocol.messages.limits import MAX_SOURCE
 from caesura_protocol.messages.message import Message
-from caesura_protocol.messages.sessions import Description
+from caesura_protocol.messages.session_commands import Description
 
 
 class Start(Message):

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field
 from caesura_protocol.errors import ErrorCode
 from caesura_protocol.keys import NAME_PATTERN
 from caesura_protocol.messages.limits import LEAST_SPEED, MAX_COLUMNS, MAX_STATUS_TEXT, MOST_SPEED
-from caesura_protocol.upright import checked_up
+from caesura_protocol.up_direction import checked_up
 
 LengthUnit = Literal["m", "cm", "mm"]
 Quantity = Literal["time", "length", "angle", "force"]

@@ -13,7 +13,7 @@ from caesura_protocol.messages.limits import MAX_CORRECTIONS, MAX_GAPS, MAX_PROG
 from caesura_protocol.messages.message import Message
 from caesura_protocol.messages.program_edits import ProgramEdit
 from caesura_protocol.messages.results import Gap
-from caesura_protocol.messages.status import WrenchReport
+from caesura_protocol.messages.session_and_service_status import WrenchReport
 
 
 class Program(Message):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from caesura_protocol.messages.message import Message
 from caesura_protocol.messages.program import Program
 from caesura_protocol.messages.results import Changepoints, Hints, Posterior, Segments
-from caesura_protocol.messages.status import SessionStatus
+from caesura_protocol.messages.session_and_service_status import SessionStatus
 
 
 class Snapshot(Message):

@@ -16,15 +16,15 @@ from xml.etree import ElementTree as Xml
 
 import numpy as np
 
+from caesura_protocol.app_force_limit import is_path_limited
 from caesura_protocol.app_kinds import APP_KINDS, AppKind, app_number, step_title
-from caesura_protocol.force_limit import is_path_limited
 from caesura_protocol.messages import AppPath
-from caesura_protocol.programs.app_times import rests_of
+from caesura_protocol.programs.app_time_shifts import rests_of
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.planned_apps import LEAST_PAUSE_S, pause_between
 from caesura_protocol.programs.script_templates import findings_by_app
 from caesura_protocol.reproduced_path import turning_at_points
-from caesura_protocol.screw_motion import torque_about_axis
+from caesura_protocol.screw_torque_and_text import torque_about_axis
 
 DOUBLE, DOUBLES = "double", "std::vector<double>"
 TREE = "Task"

@@ -17,7 +17,7 @@ from caesura_protocol.messages import App, Vector
 from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.rotations import angle_between
-from caesura_protocol.upright import up_text
+from caesura_protocol.up_direction import up_text
 
 ALONE, FAR_M = 0.7, 0.1  # cost of an app that only one has; targets this far apart cost 1
 TIE = 1e-9  # costs that differ by less are equal: they are sums in different orders

@@ -17,14 +17,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from caesura_protocol.app_force_limit import with_force_limit
 from caesura_protocol.app_kinds import APP_KINDS, Precondition, app_name
 from caesura_protocol.errors import CaesuraError
-from caesura_protocol.force_limit import with_force_limit
 from caesura_protocol.messages import MAX_GAPS, App, Gap, Name, Phase, Program, TaskName, Up, WrenchReport
-from caesura_protocol.programs.app_times import edited_times
+from caesura_protocol.programs.app_time_shifts import edited_times
+from caesura_protocol.programs.apps_by_phase import Group, groups_of
 from caesura_protocol.programs.default_safety import re_targeted, safety_for
-from caesura_protocol.programs.groups import Group, groups_of
-from caesura_protocol.programs.program_timing import ProgramTiming
+from caesura_protocol.programs.document_timing import ProgramTiming
 from caesura_protocol.programs.safety import DEFAULT, Safety
 from caesura_protocol.robots import robot_description
 from caesura_protocol.validation_words import Place, dotted, first_finding

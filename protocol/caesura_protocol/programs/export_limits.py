@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from caesura_protocol.app_force_limit import LEAST_FORCE_N, exerted_forces, is_press
 from caesura_protocol.app_kinds import APP_KINDS, app_name
-from caesura_protocol.force_limit import LEAST_FORCE_N, exerted_forces, is_press
 from caesura_protocol.messages import App, Quaternion, Vector
 from caesura_protocol.programs.checks.preconditions import order_findings
 from caesura_protocol.programs.document import ProgramFile

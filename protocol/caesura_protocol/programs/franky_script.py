@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from caesura_protocol.app_force_limit import is_path_limited
 from caesura_protocol.app_kinds import app_name, ends_in_contact, step_title
-from caesura_protocol.force_limit import is_path_limited
 from caesura_protocol.messages import Vector
-from caesura_protocol.programs.app_times import goes_on, rests_of
+from caesura_protocol.programs.app_time_shifts import goes_on, rests_of
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.export_limits import (
     CONSTANTS,
@@ -20,7 +20,7 @@ from caesura_protocol.programs.export_limits import (
     refuse_beyond_limits,
     without_friction,
 )
-from caesura_protocol.programs.gripping import gripper_of, not_driven, with_held_loads
+from caesura_protocol.programs.program_gripper import gripper_of, not_driven, with_held_loads
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.script_templates import (
     filled_template,
@@ -30,7 +30,7 @@ from caesura_protocol.programs.script_templates import (
     title_of,
 )
 from caesura_protocol.reproduced_path import turn_of, turning_at_points
-from caesura_protocol.screw_motion import stop_torque_nm
+from caesura_protocol.screw_torque_and_text import stop_torque_nm
 
 FIELDS = ("target", "orientation", "joints", "force", "force_taught", "load_kg", "gripper_width")
 DIGITS = 6

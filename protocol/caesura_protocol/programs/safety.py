@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import Vector
-from caesura_protocol.upright import up_text
+from caesura_protocol.up_direction import up_text
 from caesura_protocol.validation_words import first_finding
 
 PLANNED_SHARE = 0.9  # of a limit of speed or turn that a movement may reach

@@ -15,9 +15,9 @@ from caesura_protocol.messages import App
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.export_limits import friction_of
-from caesura_protocol.programs.gripping import GRIP_REACH_M
+from caesura_protocol.programs.program_gripper import GRIP_REACH_M
 from caesura_protocol.robots import RobotDescription, robot_description
-from caesura_protocol.session_clock import clock_from
+from caesura_protocol.session_time_display import clock_from
 
 NO_ROBOT = (
     "the program states no robot, so whether these poses are those of this arm is not known: state it with "

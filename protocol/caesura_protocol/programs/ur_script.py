@@ -23,8 +23,8 @@ from caesura_protocol.programs.export_limits import (
     refuse_beyond_limits,
     within_robot,
 )
-from caesura_protocol.programs.gripping import GRIPS, gripper_of, not_driven, with_held_loads
 from caesura_protocol.programs.planned_apps import LEAST_PAUSE_S, PlannedApp, planned_apps
+from caesura_protocol.programs.program_gripper import GRIPS, gripper_of, not_driven, with_held_loads
 from caesura_protocol.programs.script_templates import (
     filled_template,
     findings_as_comments,
@@ -35,7 +35,7 @@ from caesura_protocol.programs.script_templates import (
 from caesura_protocol.programs.straight_legs import Leg, Quaternion
 from caesura_protocol.robots import GripperDescription
 from caesura_protocol.rotations import align_signs, matrix_of, rotation_vector
-from caesura_protocol.screw_motion import stop_torque_nm
+from caesura_protocol.screw_torque_and_text import stop_torque_nm
 
 ACCELERATION_M_PER_S2 = 1.2  # as movel has it where none is stated
 GRAVITY_M_PER_S2 = 9.82  # as the controller's installation has it; the vector points away from the ground

@@ -22,8 +22,8 @@ from caesura_protocol.programs.export_limits import (
     within_robot,
     without_friction,
 )
-from caesura_protocol.programs.gripping import GRIPS, gripper_of, not_driven, with_held_loads
 from caesura_protocol.programs.planned_apps import PlannedApp, planned_apps
+from caesura_protocol.programs.program_gripper import GRIPS, gripper_of, not_driven, with_held_loads
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.script_templates import (
     filled_template,
@@ -35,7 +35,7 @@ from caesura_protocol.programs.script_templates import (
 from caesura_protocol.programs.straight_legs import Quaternion
 from caesura_protocol.robots import GripperDescription
 from caesura_protocol.rotations import matrix_of, rotation_vector
-from caesura_protocol.screw_motion import stop_torque_nm
+from caesura_protocol.screw_torque_and_text import stop_torque_nm
 
 ACCELERATION_M_PER_S2 = 1.0
 WIDTH_MARGIN_M = 0.01  # by which the fingers are sent on past the width of what they grasp

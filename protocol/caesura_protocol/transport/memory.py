@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, Protocol, Self
 from caesura_protocol.codec import Encoded, decode_error
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.transport.inbox import ReceivedSample, TokenChange
-from caesura_protocol.transport.network import QUERY_TIMEOUT_S, Priority, QueryReplies, unanswered
+from caesura_protocol.transport.transport_interface import QUERY_TIMEOUT_S, Priority, QueryReplies, unanswered
 
 
 def intersect(one: str, other: str) -> bool:

@@ -24,10 +24,10 @@ import zenoh
 
 from caesura_protocol.codec import MESSAGE_TYPES, Encoded, decode_error
 from caesura_protocol.errors import CaesuraError, ProtocolError, Unreachable
+from caesura_protocol.transport.default_endpoint import DEFAULT_ENDPOINT
 from caesura_protocol.transport.diagnosis import diagnose_connection, listener_certificate_end
-from caesura_protocol.transport.endpoints import DEFAULT_ENDPOINT
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
-from caesura_protocol.transport.network import (
+from caesura_protocol.transport.transport_interface import (
     QUERY_TIMEOUT_S,
     Priority,
     QueryReplies,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from caesura_service.changepoint.evidence import known_mean_log_evidence, log_mean_exp
-from caesura_service.changepoint.profiles import whiten
+from caesura_service.changepoint.profile_library import whiten
 
 Array = NDArray[np.float64]
 Rows = tuple[NDArray[Any], ...]

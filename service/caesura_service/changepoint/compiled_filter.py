@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.changepoint.best_path_window import FinalPath, PathSegment, Starts
 from caesura_service.changepoint.channel_model import ModelInput
+from caesura_service.changepoint.evidence_window import FinalPath, PathSegment, Starts
+from caesura_service.changepoint.filter_parameters import FilterParameters
 from caesura_service.changepoint.hazard import Geometric, Hazard
 from caesura_service.changepoint.kernels import steps
 from caesura_service.changepoint.kernels.array_tuple import table_of
-from caesura_service.changepoint.kernels.describe import can_compile, fields_of, model_of, profiled_of
 from caesura_service.changepoint.kernels.layout import (
     FORCE,
     FREE,
@@ -26,7 +26,12 @@ from caesura_service.changepoint.kernels.layout import (
     fresh_state,
     with_more_nodes,
 )
-from caesura_service.changepoint.parameters import FilterParameters
+from caesura_service.changepoint.kernels.model_set_conversion import (
+    can_compile,
+    fields_of,
+    model_of,
+    profiled_of,
+)
 from caesura_service.changepoint.random_walk import StudentRandomWalk
 from caesura_service.changepoint.run_length_filter import check_finite, check_start
 from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet

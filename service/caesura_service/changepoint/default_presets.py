@@ -31,20 +31,20 @@ from caesura_service.changepoint.constant_models import (
     LoadForce,
 )
 from caesura_service.changepoint.corner_weight import CornerWeight
+from caesura_service.changepoint.filter_parameters import FilterParameters
 from caesura_service.changepoint.force_rise_penalty import NoContactRise
 from caesura_service.changepoint.friction_cone import FrictionConeWeight
 from caesura_service.changepoint.guided_motion import GuidedMotion
-from caesura_service.changepoint.held_torque import HeldTorque
-from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.preset import BESIDE_MOVEMENT, STEP_S, Preset
+from caesura_service.changepoint.profile_library import Profile, ProfileLibrary, lognormal, minimum_jerk
 from caesura_service.changepoint.profile_model import DisplacementPrior, ProfileModel
-from caesura_service.changepoint.profiles import Profile, ProfileLibrary, lognormal, minimum_jerk
 from caesura_service.changepoint.random_walk import StudentRandomWalk
+from caesura_service.changepoint.rate_of_change_bounds import RateOfChangeBounds
 from caesura_service.changepoint.segment_model_set import SegmentKind
 from caesura_service.changepoint.thesis_presets import thesis_force_library
 from caesura_service.changepoint.traced_motion import TracedMotion
 from caesura_service.changepoint.turn_in_place import TurnInPlace
-from caesura_service.changepoint.turn_rate import TurnRate
+from caesura_service.changepoint.turn_resistance import TurnResistance
 from caesura_service.constants import CREEP_M_PER_S, HANDS_BREADTH_M, LOAD_KG, REST_M_PER_S, TURN_SHARE
 
 
@@ -169,12 +169,12 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
         "corner": corner(),
         "still": StudentRandomWalk("position", scale=REST_STEP_M, still=REST),
         "stopped": StudentRandomWalk("position", scale=REST_STEP_M),
-        "turning": TurnRate("rotation", least=REST / HANDS_BREADTH_M),
+        "turning": RateOfChangeBounds("rotation", least=REST / HANDS_BREADTH_M),
         "turned_back": corner_of_rotation(),
-        "unturned": TurnRate("rotation", most=REST / HANDS_BREADTH_M),
+        "unturned": RateOfChangeBounds("rotation", most=REST / HANDS_BREADTH_M),
         "about_a_point": TurnInPlace(floor=0.0002, share=0.002, reach=TOOL_M, nu0=TURN_NU0),
-        "resisted": HeldTorque(least=HELD_NM),
-        "unresisted": HeldTorque(most=HELD_NM),
+        "resisted": TurnResistance(least=HELD_NM),
+        "unresisted": TurnResistance(most=HELD_NM),
         "untouched": FreeSpaceForce(QUIET, bias=bias_n, absence=beyond, most_kg=LOAD_KG),
         "not_set_in": NoContactRise(scale=FORCE_IN_MOTION_N, most_kg=LOAD_KG),
         "pressed": StudentRandomWalk("force", scale=0.5, presence=beyond),
@@ -344,7 +344,7 @@ def _frictionless(bias_n: float) -> Channels:
 
 def _torqueless(bias_n: float) -> Channels:
     """Return channels in which a driven screw and a returning ratchet are one kind of turn."""
-    return {"resisted": HeldTorque(), "unresisted": HeldTorque()}
+    return {"resisted": TurnResistance(), "unresisted": TurnResistance()}
 
 
 def _untraced(bias_n: float) -> Channels:

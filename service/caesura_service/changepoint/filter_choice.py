@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from caesura_service.changepoint.filter_interface import ChangepointFilter
+from caesura_service.changepoint.filter_parameters import FilterParameters
 from caesura_service.changepoint.hazard import Hazard
-from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.run_length_filter import RunLengthFilter
 from caesura_service.changepoint.segment_model_set import SegmentModelSet
 from caesura_service.numba_support import has_kernels

@@ -8,10 +8,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.changepoint.best_path_window import PathSegment, Starts
 from caesura_service.changepoint.channel_model import ModelInput
+from caesura_service.changepoint.evidence_window import PathSegment, Starts
+from caesura_service.changepoint.filter_parameters import FilterParameters
 from caesura_service.changepoint.hazard import Hazard
-from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.segment_model_set import SegmentModelSet
 
 Array = NDArray[np.float64]

@@ -22,12 +22,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.changepoint.best_path_window import NOTHING, PathSegment
 from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.evidence import log_sum_exp
+from caesura_service.changepoint.evidence_window import NOTHING, PathSegment
 from caesura_service.changepoint.hazard import Hazard, Tempered, log_mass, log_survival
+from caesura_service.changepoint.probability_threshold_segmenter import THRESHOLD, threshold_path
 from caesura_service.changepoint.segment_model_set import SegmentModelSet
-from caesura_service.changepoint.threshold_segmenter import THRESHOLD, threshold_path
 
 Array = NDArray[np.float64]
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field, replace
 from caesura_service.changepoint.channel_model import ChannelModel, Choice
 from caesura_service.changepoint.filter_choice import filter_for
 from caesura_service.changepoint.filter_interface import ChangepointFilter
+from caesura_service.changepoint.filter_parameters import FilterParameters
 from caesura_service.changepoint.hazard import Geometric, Hazard, Refractory
-from caesura_service.changepoint.held_torque import HeldTorque
-from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.segment_model_set import ContactState, SegmentKind, SegmentModelSet
 from caesura_service.changepoint.turn_in_place import TurnInPlace
+from caesura_service.changepoint.turn_resistance import TurnResistance
 
 SEGMENTATION_HZ = 10.0
 STEP_S = 1.0 / SEGMENTATION_HZ
@@ -86,7 +86,9 @@ class Preset:
         if not orientation:
             channels = {name: model for name, model in channels.items() if not looks_at_rotation(model)}
         if not (orientation and torque):
-            channels = {name: model for name, model in channels.items() if not isinstance(model, HeldTorque)}
+            channels = {
+                name: model for name, model in channels.items() if not isinstance(model, TurnResistance)
+            }
         if contact:
             kinds = tuple(kind for kind in self.kinds if transport or kind.contact != "transport")
         else:

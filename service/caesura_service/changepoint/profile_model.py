@@ -20,7 +20,7 @@ from caesura_service.changepoint.channel_model import (
     signal,
 )
 from caesura_service.changepoint.evidence import log_mean_exp, normal_log_density
-from caesura_service.changepoint.profiles import ProfileLibrary
+from caesura_service.changepoint.profile_library import ProfileLibrary
 
 Array = NDArray[np.float64]
 

@@ -32,7 +32,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.changepoint.best_path_window import (
+from caesura_service.changepoint.channel_model import ModelInput
+from caesura_service.changepoint.evidence import log_sum_exp
+from caesura_service.changepoint.evidence_window import (
     NOTHING,
     FinalPath,
     Groups,
@@ -43,10 +45,8 @@ from caesura_service.changepoint.best_path_window import (
     first_links,
     link,
 )
-from caesura_service.changepoint.channel_model import ModelInput
-from caesura_service.changepoint.evidence import log_sum_exp
+from caesura_service.changepoint.filter_parameters import FilterParameters
 from caesura_service.changepoint.hazard import Hazard, Tempered, log_mass, log_survival
-from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.segment_model_set import LatticeRows, SegmentModelSet
 from caesura_service.changepoint.smoothed_probabilities import RunLengthFilterBase, SmoothedProbabilities
 

@@ -9,11 +9,11 @@ from functools import partial
 from itertools import pairwise
 from types import MappingProxyType
 
-from caesura_service.changepoint.best_path_window import NOTHING, PathSegment, outline_of
+from caesura_service.changepoint.evidence_window import NOTHING, PathSegment, outline_of
 from caesura_service.changepoint.filter_interface import ChangepointFilter
+from caesura_service.changepoint.probability_threshold_segmenter import ThresholdSegmenter
 from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
 from caesura_service.changepoint.smoothed_probabilities import INTERVAL_REACH
-from caesura_service.changepoint.threshold_segmenter import ThresholdSegmenter
 
 INTERVAL_PROBABILITY = 0.9
 PLACE_STEPS = 0.9  # by which a boundary may lie from the middle between two observations (`boundary_place`)

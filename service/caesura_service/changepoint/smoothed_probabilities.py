@@ -14,7 +14,7 @@ from collections.abc import Collection, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.changepoint.best_path_window import FinalPath, PathSegment, outline_of
+from caesura_service.changepoint.evidence_window import FinalPath, PathSegment, outline_of
 from caesura_service.changepoint.segment_model_set import SegmentModelSet
 
 Array = NDArray[np.float64]

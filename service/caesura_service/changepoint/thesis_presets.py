@@ -17,8 +17,8 @@ from caesura_service.changepoint.constant_models import ConstantLevel, ThesisLoa
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
 from caesura_service.changepoint.contact_mixture import ContactMixture
 from caesura_service.changepoint.preset import STEP_S, Preset
+from caesura_service.changepoint.profile_library import ProfileLibrary, first_order, overdamped
 from caesura_service.changepoint.profile_model import ProfileModel
-from caesura_service.changepoint.profiles import ProfileLibrary, first_order, overdamped
 from caesura_service.changepoint.segment_model_set import SegmentKind
 
 PRESS = Noise(10.0, 1.25)  # [N] thesis Tab. 4.3

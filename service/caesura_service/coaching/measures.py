@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.coaching.bias import DriftState, DriftTracker, Vector
+from caesura_service.coaching.bias_drift_tracker import DriftState, DriftTracker, Vector
 from caesura_service.coaching.unchanged_force import UnchangedForce, advanced, begun
 from caesura_service.constants import FREE_M_PER_S, TARED_BIAS_N
 

@@ -10,7 +10,7 @@ import math
 from typing import NamedTuple
 
 from caesura_protocol.wrench_faults import FROZEN_S, MOVED_M
-from caesura_service.coaching.bias import Vector
+from caesura_service.coaching.bias_drift_tracker import Vector
 
 FIRST_FROZEN_S = 2.0
 

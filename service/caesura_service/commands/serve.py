@@ -33,7 +33,7 @@ from caesura_service.journal.retention import DAY_S, GB
 from caesura_service.monitoring.http_server import WebError
 from caesura_service.monitoring.logs import LEVELS, LOG_FORMATS, UnknownOption, log_to
 from caesura_service.server import NetworkError
-from caesura_service.server.network import DEFAULT_ENDPOINT
+from caesura_service.server.network_join import DEFAULT_ENDPOINT
 
 logger = logging.getLogger(__name__)
 

@@ -20,7 +20,7 @@ from pathlib import Path
 import typer
 
 from caesura_service.server import NetworkSettings
-from caesura_service.server.network import join
+from caesura_service.server.network_join import join
 
 logger = logging.getLogger(__name__)
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
+from caesura_protocol.gap_free_sample_runs import RunSplitter, SampleRun, in_metres
 from caesura_protocol.messages import Open, SampleBatch
-from caesura_protocol.sample_runs import RunSplitter, SampleRun, in_metres
 from caesura_service.journal import BatchRow
 from caesura_service.sessions.batch_validation import validated_samples
 from caesura_service.sessions.limits import Limits

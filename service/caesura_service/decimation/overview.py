@@ -16,9 +16,9 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.extremes import Extremes, bins_of, extremes_of, joined, nothing
+from caesura_protocol.gap_free_sample_runs import Speed, drawn_columns
 from caesura_protocol.messages import Gap, Open
-from caesura_protocol.sample_runs import Speed, drawn_columns
+from caesura_protocol.minmax_decimation import Extremes, bins_of, extremes_of, joined, nothing
 from caesura_service.decimation.batch_decoder import BatchDecoder
 from caesura_service.journal import BatchRow, Key, Lost, SessionExtent
 from caesura_service.sessions.limits import Limits

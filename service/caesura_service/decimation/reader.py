@@ -13,7 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.extremes import (
+from caesura_protocol.gap_free_sample_runs import SPEED_WINDOW_S, Speed, chosen_columns
+from caesura_protocol.keys import SampleRange
+from caesura_protocol.messages import MAX_HOLES, Gap, RecordedSamples
+from caesura_protocol.minmax_decimation import (
     Extremes,
     between,
     bins_of,
@@ -24,9 +27,6 @@ from caesura_protocol.extremes import (
     packed,
     points_of,
 )
-from caesura_protocol.keys import SampleRange
-from caesura_protocol.messages import MAX_HOLES, Gap, RecordedSamples
-from caesura_protocol.sample_runs import SPEED_WINDOW_S, Speed, chosen_columns
 from caesura_service.decimation.batch_decoder import BatchDecoder
 from caesura_service.decimation.overview import SessionOverview
 from caesura_service.journal import BatchRow, BatchSource, JournalError, Key, SessionExtent

@@ -1,6 +1,15 @@
 """The journal: the ordered records of a session, whose replay rebuilds it bit for bit."""
 
-from caesura_service.journal.edits import AppliedEdit, AppliedProgramEdit, Resolution
+from caesura_service.journal.applied_edits import AppliedEdit, AppliedProgramEdit, Resolution
+from caesura_service.journal.batch_reader import (
+    BatchRow,
+    BatchSource,
+    FileBatches,
+    JournalBatches,
+    Lost,
+    SessionExtent,
+)
+from caesura_service.journal.copy_conflicts import Changes, last_owned, refused_in
 from caesura_service.journal.journal import (
     Copy,
     EncodedBatch,
@@ -19,19 +28,10 @@ from caesura_service.journal.journal import (
     Refused,
     StoredOutcome,
 )
-from caesura_service.journal.memory import MemoryJournal
-from caesura_service.journal.overruled import Changes, last_owned, refused_in
+from caesura_service.journal.memory_journal import MemoryJournal
 from caesura_service.journal.peer_journals import PeerCopy, PeerJournals
-from caesura_service.journal.reading import (
-    BatchRow,
-    BatchSource,
-    FileBatches,
-    JournalBatches,
-    Lost,
-    SessionExtent,
-)
 from caesura_service.journal.retention import JournalSettings
-from caesura_service.journal.sqlite import SqliteJournal
+from caesura_service.journal.sqlite_journal import SqliteJournal
 
 __all__ = [
     "AppliedEdit",

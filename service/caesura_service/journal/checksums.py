@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import zlib
 
-from caesura_protocol.packing import Packing
+from caesura_protocol.msgpack_packer import Packing
 
 Value = int | float | str | bytes | None
 

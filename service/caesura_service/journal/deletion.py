@@ -9,7 +9,7 @@ from __future__ import annotations
 import sqlite3
 
 from caesura_service.journal.journal import Key
-from caesura_service.journal.schema import transaction
+from caesura_service.journal.sqlite_database import transaction
 
 BATCH = 400  # records, some milliseconds
 SESSIONS = 16  # of few records, in one portion: a station opens and closes hundreds a second

@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from caesura_service.journal.journal import JournalError
-from caesura_service.journal.wal import log_of
+from caesura_service.journal.wal_integrity import log_of
 
 
 class JournalFileIdentity:

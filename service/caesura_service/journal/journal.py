@@ -29,7 +29,7 @@ from caesura_protocol.messages import (
     SampleBatch,
     Snapshot,
 )
-from caesura_service.journal.edits import AppliedEdit
+from caesura_service.journal.applied_edits import AppliedEdit
 
 Recordable = Open | SampleBatch | AppliedEdit | Describe | EditProgram | Error | Close
 Key = tuple[str, str]  # station and session

@@ -21,7 +21,7 @@ from typing import NamedTuple, TypeVar
 from urllib.parse import quote
 
 from caesura_protocol.errors import ProtocolError
-from caesura_service.journal.edits import AppliedEdit
+from caesura_service.journal.applied_edits import AppliedEdit
 from caesura_service.journal.journal import (
     Copy,
     JournalDamagedError,
@@ -45,7 +45,7 @@ from caesura_service.journal.rows import (
     stations_in,
     verify,
 )
-from caesura_service.journal.schema import (
+from caesura_service.journal.sqlite_database import (
     RAISE_LIMIT,
     SELECT_BEYOND,
     SELECT_CHANGES,

@@ -19,8 +19,8 @@ from caesura_protocol.messages import (
     Snapshot,
 )
 from caesura_protocol.number_words import counted
+from caesura_service.journal.applied_edits import AppliedEdit, AppliedProgramEdit
 from caesura_service.journal.checksums import checksum, is_intact
-from caesura_service.journal.edits import AppliedEdit, AppliedProgramEdit
 from caesura_service.journal.journal import (
     Copy,
     EncodedBatch,
@@ -30,7 +30,7 @@ from caesura_service.journal.journal import (
     Record,
     Recordable,
 )
-from caesura_service.journal.schema import (
+from caesura_service.journal.sqlite_database import (
     EPOCHS,
     SELECT_EPOCH,
     SELECT_LAST_OPENED,

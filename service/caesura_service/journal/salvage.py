@@ -6,11 +6,11 @@ import logging
 import sqlite3
 from pathlib import Path
 
+from caesura_service.journal.bulk_insert import write_rows
 from caesura_service.journal.checksums import checksum
 from caesura_service.journal.journal import JournalDamagedError, JournalError
-from caesura_service.journal.row_writer import write_rows
 from caesura_service.journal.rows import SessionRow, epoch_in, pages_of, stations_in
-from caesura_service.journal.schema import (
+from caesura_service.journal.sqlite_database import (
     EPOCHS,
     HAS_TABLE,
     INSERT_EPOCH,

@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Command, Heartbeat, Refusal, SampleBatch
-from caesura_service.monitoring.registry_calls import Change, RegistryCall, changes_between
+from caesura_service.monitoring.registry_call_effects import Change, RegistryCall, changes_between
 from caesura_service.monitoring.session_event_logger import SessionEventLogger
 from caesura_service.monitoring.station_counters import StationCounterSet
 from caesura_service.ownership.registry import Registry

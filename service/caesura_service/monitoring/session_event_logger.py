@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from caesura_protocol.messages import Gap, SampleBatch
 from caesura_protocol.number_words import counted
 from caesura_protocol.token_bucket import LOG_RATE, SENDERS, RateLimit
-from caesura_service.monitoring.registry_calls import Change, RegistryCall
+from caesura_service.monitoring.registry_call_effects import Change, RegistryCall
 from caesura_service.publishing.events import ReplayEnded, RequestReplay
 from caesura_service.publishing.session_state import SessionState
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from prometheus_client import Histogram
 
 from caesura_protocol.messages import Gap, SampleBatch
-from caesura_service.monitoring.registry_calls import Change, RegistryCall
+from caesura_service.monitoring.registry_call_effects import Change, RegistryCall
 from caesura_service.publishing.events import RequestReplay
 from caesura_service.publishing.session_state import SessionCounters
-from caesura_service.segmentation.view import PipelineView
+from caesura_service.segmentation.pipeline_interface import PipelineView
 
 BUCKETS_S = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5)
 

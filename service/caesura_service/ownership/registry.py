@@ -45,7 +45,7 @@ from caesura_service.journal import (
 )
 from caesura_service.ownership.closed_session_rebuilder import ClosedSessionRebuilder
 from caesura_service.ownership.held_sessions import HeldSessions
-from caesura_service.ownership.journal_refusals import AS_OVERLOADED
+from caesura_service.ownership.journal_error_mapping import AS_OVERLOADED
 from caesura_service.ownership.session_copies import JournalSet, SessionCopies
 from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.ownership.station_limit import StationLimit, last_opened
@@ -53,7 +53,7 @@ from caesura_service.ownership.station_ownership import StationOwnership
 from caesura_service.ownership.stored_sessions import StoredSessions
 from caesura_service.ownership.takeover import SessionFactory, Takeover, is_behind
 from caesura_service.ownership.takeovers_in_turns import TakeoversInTurns
-from caesura_service.program.taught_again import apps_for
+from caesura_service.program.replacement_apps import apps_for
 from caesura_service.publishing.events import (
     BatchRejected,
     Output,

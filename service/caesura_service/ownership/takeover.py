@@ -27,10 +27,10 @@ from caesura_service.journal import (
 )
 from caesura_service.ownership.session_copies import JournalSet, SessionCopies
 from caesura_service.publishing.events import Output, Owner, PipelineFactory, TakeoverFailed
-from caesura_service.segmentation.view import Pipeline
+from caesura_service.segmentation.pipeline_interface import Pipeline
 from caesura_service.sessions.batch_validation import validate_columns
-from caesura_service.sessions.closed_pipeline import ClosedPipeline, state_from_snapshot
 from caesura_service.sessions.limits import Limits
+from caesura_service.sessions.restored_outcome import ClosedPipeline, state_from_snapshot
 from caesura_service.sessions.session import Session
 
 Steps = Generator[list[Output], None, Session | None]  # gives way after every record, with outputs

@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 
 from caesura_protocol.messages import PhaseKind as Name
 from caesura_protocol.messages import Segment
-from caesura_service.phases.retracing import APART, PIECE_M, Retraced, Way, retraced
+from caesura_service.phases.retraced_path import APART, PIECE_M, Retraced, Way, retraced
 
 Array = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from caesura_service.phases.posterior import (
     posterior,
     settled,
 )
-from caesura_service.phases.retracing import NO_WAY, Way, way_of
+from caesura_service.phases.retraced_path import NO_WAY, Way, way_of
 
 PlacesBetween = Callable[[float, float], Array]
 

@@ -1,14 +1,14 @@
 """Task programs: segments and gripper events become apps that a robot can run."""
 
 from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
-from caesura_service.program.builder import task_program
+from caesura_service.program.app_builder import task_program
 from caesura_service.program.contacts import may_press_in
-from caesura_service.program.draft_cache import DraftCache
 from caesura_service.program.edit_log import EditLog, log_of
-from caesura_service.program.edits import at_edit, check_applies, with_edits
+from caesura_service.program.edited_app_list_cache import EditedAppListCache
 from caesura_service.program.gaps import Gaps, observed_share
+from caesura_service.program.joined_movements import is_end_of_movement
+from caesura_service.program.joined_strokes import may_end_movement
 from caesura_service.program.left_out import BEGINS_MOVING, ENDS_MOVING, left_out_note
-from caesura_service.program.movements import is_end_of_movement
 from caesura_service.program.paths import Paths
 from caesura_service.program.program_segment import (
     GRIP_SLACK_S,
@@ -18,7 +18,7 @@ from caesura_service.program.program_segment import (
     ProgramSegment,
     holds,
 )
-from caesura_service.program.strokes import may_end_movement
+from caesura_service.program.program_with_edits import at_edit, check_applies, with_edits
 
 __all__ = [
     "BEGINS_MOVING",
@@ -26,8 +26,8 @@ __all__ = [
     "GRIP_SLACK_S",
     "TOLERANCE_M",
     "TOLERANCE_RAD",
-    "DraftCache",
     "EditLog",
+    "EditedAppListCache",
     "Gaps",
     "GripperAction",
     "Moment",

@@ -17,7 +17,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Vector
-from caesura_service.program.loads import hangs
+from caesura_service.program.carried_loads import hangs
+from caesura_service.program.joined_strokes import OUT_M, OUT_SHARE
 from caesura_service.program.program_segment import (
     ARRIVES_M,
     PUSHES_BACK_N,
@@ -31,7 +32,6 @@ from caesura_service.program.program_segment import (
     observed,
 )
 from caesura_service.program.sensor_bias import base_after
-from caesura_service.program.strokes import OUT_M, OUT_SHARE
 
 LASTING = 5  # observations over which a force is averaged
 

@@ -13,6 +13,7 @@ from itertools import takewhile
 import numpy as np
 
 from caesura_service.program.contacts import pushes_back, touched_at
+from caesura_service.program.joined_strokes import DECAY_REACH_M, is_directly_before
 from caesura_service.program.program_segment import (
     ACROSS_M,
     ARRIVES_M,
@@ -22,7 +23,6 @@ from caesura_service.program.program_segment import (
     length,
     observed,
 )
-from caesura_service.program.strokes import DECAY_REACH_M, is_directly_before
 
 IN_AIR_M = 0.005  # a contact that lets go does not go on for longer than this without its force
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from caesura_protocol.messages import App
-from caesura_protocol.programs.app_times import goes_on
+from caesura_protocol.programs.app_time_shifts import goes_on
 from caesura_service.program.paths import Paths
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from caesura_protocol.messages import Joints, Quaternion, Segment, Vector
 from caesura_protocol.rotations import upright_rotation
-from caesura_protocol.upright import UP
+from caesura_protocol.up_direction import UP
 from caesura_service.constants import TARED_BIAS_N
 
 OBSERVED_S, TOUCHED_S = 0.1, 0.05  # from one observation to the next; from a boundary, which lies midway

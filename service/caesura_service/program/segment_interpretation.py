@@ -16,11 +16,25 @@ from functools import partial
 from typing import NamedTuple
 
 from caesura_protocol.messages import Vector
-from caesura_protocol.upright import UP
+from caesura_protocol.up_direction import UP
+from caesura_service.program.carried_loads import (
+    as_one_hold,
+    hanging,
+    in_hand,
+    is_from_air,
+    is_not_yet_held,
+    resting,
+)
 from caesura_service.program.contacts import as_touching, set_down, still_touching
 from caesura_service.program.departures import leaving, lets_go, with_departures
-from caesura_service.program.loads import as_one_hold, hanging, in_hand, is_from_air, is_not_yet_held, resting
-from caesura_service.program.movements import with_whole_movements
+from caesura_service.program.joined_movements import with_whole_movements
+from caesura_service.program.joined_strokes import (
+    are_one_kind,
+    with_ends,
+    with_last_ways,
+    with_rests,
+    with_whole_turns,
+)
 from caesura_service.program.program_segment import (
     ROUNDED_S,
     Context,
@@ -30,13 +44,6 @@ from caesura_service.program.program_segment import (
     holds,
 )
 from caesura_service.program.sensor_bias import with_bases
-from caesura_service.program.strokes import (
-    are_one_kind,
-    with_ends,
-    with_last_ways,
-    with_rests,
-    with_whole_turns,
-)
 
 Stage = Callable[[Sequence[ProgramSegment], Context], list[ProgramSegment]]
 

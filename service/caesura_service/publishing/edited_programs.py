@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from caesura_protocol.messages import App, Program
 from caesura_service.cooperative_scheduler import give_way
-from caesura_service.program import DraftCache, EditLog, at_edit, check_applies, with_edits
+from caesura_service.program import EditedAppListCache, EditLog, at_edit, check_applies, with_edits
 from caesura_service.segmentation.encoded_log import packed
 
 NEWEST = 3  # programs of a session that are kept, at a few megabytes each at most
@@ -37,7 +37,7 @@ class EditedPrograms:
     """The programs of one session with its edits."""
 
     def __init__(self) -> None:
-        self._drafts = DraftCache()
+        self._drafts = EditedAppListCache()
         self._made: tuple[_Made, ...] = ()  # the last one asked for first
 
     def edited(self, header: Program, inferred: Program, log: EditLog, number: int | None = None) -> Program:
@@ -59,7 +59,7 @@ class EditedPrograms:
 
     def clear(self) -> None:
         """Drop all drafts and programs."""
-        self._drafts, self._made = DraftCache(), ()
+        self._drafts, self._made = EditedAppListCache(), ()
 
     def _program(self, inferred: Program, log: EditLog, number: int | None) -> Program:
         if number is None:

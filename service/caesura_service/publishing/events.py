@@ -23,7 +23,7 @@ from caesura_protocol.messages import (
     Segments,
     SessionStatus,
 )
-from caesura_service.segmentation.view import Pipeline
+from caesura_service.segmentation.pipeline_interface import Pipeline
 
 #: Builds the pipeline of a session from its opening and the service's default preset. Raises ProtocolError.
 PipelineFactory = Callable[[Open, str], Pipeline]

@@ -28,9 +28,9 @@ from caesura_protocol.messages import (
 from caesura_service.program import EditLog
 from caesura_service.publishing.edited_programs import EditedPrograms
 from caesura_service.publishing.events import Owner
-from caesura_service.publishing.lifecycle import Lifecycle
+from caesura_service.publishing.lifecycle_transitions import Lifecycle
 from caesura_service.segmentation.encoded_log import since
-from caesura_service.segmentation.view import PipelineView
+from caesura_service.segmentation.pipeline_interface import PipelineView
 
 Stream = Literal["status", "changepoints", "segments", "posterior", "hints"]
 

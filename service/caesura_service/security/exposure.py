@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from caesura_protocol.transport.endpoints import DEFAULT_ENDPOINT
+from caesura_protocol.transport.default_endpoint import DEFAULT_ENDPOINT
 
 Read = Callable[[str], Any]  # of a configuration, by path; None where there is nothing
 Resolve = Callable[[str], Sequence[str]]  # addresses of a host

@@ -24,8 +24,8 @@ from itertools import pairwise
 from typing import Any
 
 from caesura_protocol import messages
+from caesura_protocol.app_force_limit import LEAST_FORCE_N, is_press
 from caesura_protocol.errors import NONE_THERE, ProtocolError
-from caesura_protocol.force_limit import LEAST_FORCE_N, is_press
 from caesura_protocol.messages import (
     MAX_CORRECTIONS,
     App,

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import App, Change, Changepoint, Gap, Insert, Open, Segment, WrenchReport
 from caesura_service.segmentation.corrections import ResolvedEdit
-from caesura_service.segmentation.view import Pipeline, PipelineView
+from caesura_service.segmentation.pipeline_interface import Pipeline, PipelineView
 
 PRESETS = ("fake", "default", "raising", "raising-at-the-end", "unspeakable")
 STRIDE = 10  # samples an observation

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.changepoint.channel_model import ModelInput
-from caesura_service.changepoint.held_torque import torsion_of
+from caesura_service.changepoint.turn_resistance import torsion_of
 from caesura_service.constants import HANDS_BREADTH_M, JOINTS_MOST, REST_M_PER_S, TARED_BIAS_N, UP
 from caesura_service.program import Moment
 from caesura_service.segmentation.overflow_file import AppendLog
-from caesura_service.segmentation.screwing import Course
+from caesura_service.segmentation.screw_motion_fit import Course
 from caesura_service.signals import Observation
 
 Array = NDArray[np.float64]

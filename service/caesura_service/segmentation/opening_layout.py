@@ -6,7 +6,7 @@ from caesura_protocol.columns import signal_columns
 from caesura_protocol.messages import Open
 from caesura_protocol.plausibility import UNITS
 from caesura_protocol.robots import RobotError
-from caesura_protocol.upright import UP
+from caesura_protocol.up_direction import UP
 from caesura_service.coaching import ArmLimits
 from caesura_service.constants import JOINTS
 from caesura_service.robot import Robot, load_robot

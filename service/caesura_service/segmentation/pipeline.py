@@ -12,17 +12,17 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_protocol.app_force_limit import with_force_limit
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.force_limit import with_force_limit
 from caesura_protocol.messages import App, Change, Gap, Open, Phase, Segment
 from caesura_protocol.plausibility import FirstSecond
-from caesura_protocol.programs.groups import ungrouped_notes
+from caesura_protocol.programs.apps_by_phase import ungrouped_notes
 from caesura_protocol.robots import RobotError
 from caesura_protocol.rotations import upright_rotation
-from caesura_protocol.upright import UP, up_in_words
+from caesura_protocol.up_direction import UP, up_in_words
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.presets import KNOWN_PRESETS, preset_named
-from caesura_service.changepoint.threshold_segmenter import check_level
+from caesura_service.changepoint.probability_threshold_segmenter import check_level
 from caesura_service.coaching import (
     ArmLimits,
     BoundaryCoach,
@@ -45,21 +45,21 @@ from caesura_service.program import (
     ProgramSegment,
     left_out_note,
 )
+from caesura_service.segmentation.correction_targets import edit_context
 from caesura_service.segmentation.corrections import (
     EditContext,
     FilterConstraints,
     ResolvedEdit,
     resolved,
 )
-from caesura_service.segmentation.edit_context import edit_context
 from caesura_service.segmentation.encoded_log import EncodedMessageLog, MessageSequence
 from caesura_service.segmentation.finalized_segments import SegmentEntry
+from caesura_service.segmentation.incremental_program_builder import IncrementalProgramBuilder
 from caesura_service.segmentation.input_notes import frozen_note, standing_notes, wrench_report
 from caesura_service.segmentation.observation_store import ObservationStore, holding
 from caesura_service.segmentation.opening_layout import arm_of, robot_of, sample_layout
-from caesura_service.segmentation.program_builder import IncrementalProgramBuilder
+from caesura_service.segmentation.pipeline_interface import Pipeline, PipelineView
 from caesura_service.segmentation.segmenter import Segmenter
-from caesura_service.segmentation.view import Pipeline, PipelineView
 from caesura_service.signals import (
     Conditioner,
     ConditioningOutput,

@@ -13,9 +13,9 @@ from typing import NamedTuple
 from caesura_protocol.messages import Changepoint, ScrewMotion, Segment, Vector
 from caesura_service.changepoint.filter_interface import ChangepointFilter
 from caesura_service.changepoint.preset import STEP_S, Preset
+from caesura_service.changepoint.probability_threshold_segmenter import ThresholdSegmenter
 from caesura_service.changepoint.segment_model_set import SegmentKind
 from caesura_service.changepoint.segments import Classification, InferredSegment, outline, stretches
-from caesura_service.changepoint.threshold_segmenter import ThresholdSegmenter
 from caesura_service.changepoint.turn_in_place import centre_of
 from caesura_service.constants import GRID_HZ, TARED_BIAS_N
 from caesura_service.cooperative_scheduler import give_way
@@ -23,7 +23,7 @@ from caesura_service.segmentation.corrections import FilterConstraints
 from caesura_service.segmentation.finalized_segments import FinalizedSegments, SegmentEntry
 from caesura_service.segmentation.observation_store import ObservationStore
 from caesura_service.segmentation.payload_estimation import Load, is_baseline, weigh
-from caesura_service.segmentation.screwing import screw_of
+from caesura_service.segmentation.screw_motion_fit import screw_of
 from caesura_service.segmentation.turn_in_place_check import is_turn_in_place
 from caesura_service.signals import WrenchCapabilities
 from caesura_service.signals.tare import UNTARED_BIAS_N

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from caesura_protocol.rotations import matrices_of
 from caesura_service.changepoint.default_presets import TOOL_M
 from caesura_service.constants import HANDS_BREADTH_M, REST_M_PER_S
-from caesura_service.segmentation.screwing import Course
+from caesura_service.segmentation.screw_motion_fit import Course
 
 Array = NDArray[np.float64]
 

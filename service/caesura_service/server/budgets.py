@@ -19,7 +19,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import is_name
 from caesura_protocol.messages import MAX_BUDGETS, Budget, StationBudgets
 from caesura_protocol.token_bucket import SENDERS, Rate, RateLimit
-from caesura_service.server.rate_limits import RateLimits
+from caesura_service.server.rate_limit_settings import RateLimits
 
 Use = Literal["work", "messages", "bytes", "commands", "previews", "queries", "tokens"]
 USES: tuple[Use, ...] = get_args(Use)

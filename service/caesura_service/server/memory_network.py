@@ -14,9 +14,9 @@ from typing import Generic, TypeVar
 from caesura_protocol.codec import Encoded, encode_error
 from caesura_protocol.transport.inbox import IncomingQuery, TokenChange
 from caesura_protocol.transport.memory import CallbackInbox, MemoryNetwork, MemoryTransport
-from caesura_protocol.transport.network import Priority
-from caesura_service.server.network import NetworkSettings
+from caesura_protocol.transport.transport_interface import Priority
 from caesura_service.server.network_interface import TOKENS, Channel, Incoming
+from caesura_service.server.network_join import NetworkSettings
 
 Received = TypeVar("Received")
 

@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol, TypeVar
 
 from caesura_protocol.codec import Encoded
 from caesura_protocol.transport.inbox import IncomingQuery, TokenChange
-from caesura_protocol.transport.network import Priority
+from caesura_protocol.transport.transport_interface import Priority
 
 TOKENS = 1 << 16  # changes of tokens that wait; a router fills the channel before it can be polled
 

@@ -34,7 +34,7 @@ from caesura_protocol.messages import (
     SessionStatus,
 )
 from caesura_protocol.transport.inbox import IncomingQuery
-from caesura_protocol.transport.network import nothing_found
+from caesura_protocol.transport.transport_interface import nothing_found
 from caesura_service.publishing.events import Publish, RequestReplay
 from caesura_service.server.blocking_sends import Lanes
 from caesura_service.server.budgets import Budgets
@@ -48,7 +48,7 @@ from caesura_service.server.inbound import (
     sources_of,
 )
 from caesura_service.server.network_interface import Incoming, Network, NetworkError, Publisher
-from caesura_service.server.replay_blocks import ReplayBlocks
+from caesura_service.server.replay_reply_collector import ReplayBlocks
 from caesura_service.server.work_queue import WorkQueue
 from caesura_service.sessions.batch_block import BatchBlock
 

@@ -12,7 +12,7 @@ import zenoh
 
 from caesura_protocol.codec import Encoded
 from caesura_protocol.transport.inbox import IncomingQuery, TokenChange
-from caesura_protocol.transport.network import QUERY_TIMEOUT_S, Priority
+from caesura_protocol.transport.transport_interface import QUERY_TIMEOUT_S, Priority
 from caesura_protocol.transport.zenoh_transport import (
     MAX_TEXT,
     PRIORITIES,

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from caesura_protocol.codec import FLOAT_OF_SIZE, decode, encode, encoding_of
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import SampleBatch
-from caesura_protocol.packing import Packing
+from caesura_protocol.msgpack_packer import Packing
 
 ENCODING = encoding_of(SampleBatch)
 _BIN_HEADERS = ((1 << 8, 2), (1 << 16, 3), (1 << 32, 5))  # [bytes] of samples below a size, by msgpack

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Error, Open, SampleBatch
 from caesura_service.publishing.events import Output, ReplayEnded, RequestReplay
-from caesura_service.segmentation.view import MOST_TOGETHER
+from caesura_service.segmentation.pipeline_interface import MOST_TOGETHER
 from caesura_service.sessions.batch_block import BatchBlock
 from caesura_service.sessions.batch_validation import is_usual, validated_samples
 from caesura_service.sessions.limits import Limits
-from caesura_service.sessions.pipeline_host import PipelineHost
+from caesura_service.sessions.pipeline_runner import PipelineHost
 from caesura_service.sessions.reorder_buffer import ReorderBuffer, ReplayBackoff
 from caesura_service.sessions.session_journal import SessionJournal
 

@@ -39,14 +39,14 @@ from caesura_protocol.messages import (
 from caesura_protocol.number_words import counted
 from caesura_service.journal import AppliedEdit, Journal, Outcome, Record
 from caesura_service.publishing.events import Incoming, Output, Owner, ReplayEnded, Reply
-from caesura_service.publishing.lifecycle import STATE_WORDS, next_state
+from caesura_service.publishing.lifecycle_transitions import STATE_WORDS, next_state
 from caesura_service.publishing.session_state import SessionState, inferred_program_of, snapshot_of
 from caesura_service.segmentation.corrections import EditHistory
-from caesura_service.segmentation.view import Pipeline
+from caesura_service.segmentation.pipeline_interface import Pipeline
 from caesura_service.sessions.batch_block import BatchBlock
 from caesura_service.sessions.batch_receiver import BatchReceiver
 from caesura_service.sessions.limits import Limits
-from caesura_service.sessions.pipeline_host import PipelineHost, replacing_apps
+from caesura_service.sessions.pipeline_runner import PipelineHost, replacing_apps
 from caesura_service.sessions.session_journal import SessionJournal
 
 

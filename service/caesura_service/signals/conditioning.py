@@ -20,12 +20,15 @@ from numpy.typing import NDArray
 
 from caesura_service.constants import GRID_HZ, HANDS_BREADTH_M, UP
 from caesura_service.signals.backend import Backend, best
-from caesura_service.signals.bias import TRACKED_BIAS_N, BiasState, BiasTracker
 from caesura_service.signals.boundary_place import RecentRows
-from caesura_service.signals.filtering import SavitzkyGolay
-from caesura_service.signals.flange import columns_of, flange_rows
-from caesura_service.signals.grid import MAX_WAITING_SAMPLES, NOTHING, Block, GridState, Resampler
-from caesura_service.signals.gripper import GripperEvent, GripperParameters, GripperState, GripperTracker
+from caesura_service.signals.flange_pose_and_force import columns_of, flange_rows
+from caesura_service.signals.grid_resampler import MAX_WAITING_SAMPLES, NOTHING, Block, GridState, Resampler
+from caesura_service.signals.gripper_events import (
+    GripperEvent,
+    GripperParameters,
+    GripperState,
+    GripperTracker,
+)
 from caesura_service.signals.observation import (
     FilteredRow,
     Observation,
@@ -35,9 +38,11 @@ from caesura_service.signals.observation import (
     turned_to,
 )
 from caesura_service.signals.sample_layout import SampleLayout
+from caesura_service.signals.savitzky_golay import SavitzkyGolay
 from caesura_service.signals.tare import UNTARED_BIAS_N, RestCriterion, Tare, TareEstimator, TareState
 from caesura_service.signals.tared_torque import in_flange
-from caesura_service.signals.wrench_sources import WrenchCapabilities
+from caesura_service.signals.wrench_capabilities import WrenchCapabilities
+from caesura_service.signals.wrench_estimate_bias import TRACKED_BIAS_N, BiasState, BiasTracker
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.signals.backend import Backend
-from caesura_service.signals.flange import FlangeColumns
+from caesura_service.signals.flange_pose_and_force import FlangeColumns
 from caesura_service.signals.rotation import rotation_between
 from caesura_service.signals.tare import Tare
 from caesura_service.signals.tared_torque import tared_torque

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from caesura_service.constants import JOINTS, JOINTS_MOST, UP
 from caesura_service.signals.backend import REFERENCE, Backend
 from caesura_service.signals.rotation import lengths
-from caesura_service.signals.wrench_sources import (
+from caesura_service.signals.wrench_capabilities import (
     FORCE_FRAMES,
     WrenchCapabilities,
     assumed_source,

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.signals.flange import FlangeColumns
+from caesura_service.signals.flange_pose_and_force import FlangeColumns
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]

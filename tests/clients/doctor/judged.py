@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from caesura_clients.doctor.findings import CheckResult, Grade
 from caesura_clients.doctor.probes import ProbeResult, ReceivedStatus, TimedServiceStatus
-from caesura_protocol.distribution import installed_version
 from caesura_protocol.messages import SampleBatch, ServiceStatus, SessionStatus, WrenchReport
+from caesura_protocol.package_version_and_extras import installed_version
 from clients.examples import example, snapshot
 
 NOW = 1000.0

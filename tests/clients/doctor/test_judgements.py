@@ -10,7 +10,7 @@ from caesura_clients.doctor.probes import ReceivedStatus
 from caesura_clients.doctor.run_checks import judge
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import BridgeStatus, Budget, Gap, Refusal, ServiceStatus
-from caesura_protocol.transport.network import unanswered
+from caesura_protocol.transport.transport_interface import unanswered
 from clients.doctor.judged import NOW, batch_of, grades, received, said, service, status, well
 from clients.examples import example
 

@@ -20,10 +20,10 @@ from caesura_clients.doctor.probes import probe_network
 from caesura_clients.doctor.run_checks import examine_network, judge
 from caesura_clients.query import snapshots
 from caesura_protocol.codec import Encoded, encode
-from caesura_protocol.distribution import installed_version
 from caesura_protocol.errors import AccessDenied, Unreachable
 from caesura_protocol.keys import service_key, session_key, station_key
 from caesura_protocol.messages import BridgeStatus, ServiceStatus
+from caesura_protocol.package_version_and_extras import installed_version
 from caesura_protocol.transport.memory import MemoryNetwork
 from clients.answering import Answering
 from clients.bridging import QUICK
@@ -31,7 +31,7 @@ from clients.conftest import free_port
 from clients.doctor.judged import grades, said, status
 from clients.examples import LiveSource, example, recording, samples, snapshot
 from clients.fake_service import eventually
-from service.journal.test_sqlite import grow_again, grow_no_more
+from service.journal.test_sqlite_journal import grow_again, grow_no_more
 
 
 def test_an_empty_network_has_no_service():

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from caesura_clients.bridge.control_client import ControlClient
-from caesura_clients.editing import send
+from caesura_clients.session_corrections import send
 from caesura_protocol.codec import encode, pack_samples
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Ack, Edit, Insert, Open

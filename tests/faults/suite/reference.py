@@ -21,7 +21,7 @@ from caesura_service.conditioned_recording import observed
 from caesura_service.constants import GRID_HZ, TARED_BIAS_N
 from caesura_service.offline_segmentation import opening_of
 from caesura_service.segmentation.opening_layout import layout_of
-from caesura_service.segmentation.view import PipelineView
+from caesura_service.segmentation.pipeline_interface import PipelineView
 from caesura_service.signals import Conditioner, Observation
 from caesura_service.signals.backend import REFERENCE
 from faults.suite.outcome import FULL, Row, Scale

@@ -19,7 +19,7 @@ import zenoh
 
 from caesura_protocol.keys import service_key, station_key
 from caesura_protocol.transport.zenoh_transport import direct
-from caesura_service.server.network import SETTINGS
+from caesura_service.server.network_join import SETTINGS
 
 COMMANDS_S = 2.0
 

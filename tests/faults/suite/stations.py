@@ -31,7 +31,7 @@ from caesura_protocol.transport.inbox import Inbox, ReceivedSample
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from caesura_service.journal import SqliteJournal
 from caesura_service.offline_segmentation import segment_recording
-from caesura_service.segmentation.view import PipelineView
+from caesura_service.segmentation.pipeline_interface import PipelineView
 from harness.demonstrations import taught
 from harness.processes import SESSION, eventually
 

@@ -9,11 +9,11 @@ import pytest
 
 pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
 
-from caesura_lab.annotation.editing import AnnotationEditor, EditError
+from caesura_lab.annotation.edits import AnnotationEditor, EditError
 from caesura_lab.annotation.page import AnnotationSession
 from caesura_lab.annotation.signals import plotted_signals
 from caesura_protocol.recording import Recording
-from caesura_protocol.session_clock import clock_from
+from caesura_protocol.session_time_display import clock_from
 
 EMPTY = {"file": "x.npz", "window": [0.0, 10.0], "changepoints": [], "segments": []}
 T = np.arange(101) / 10.0

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caesura_lab.annotation.editing import AnnotationEditor
+from caesura_lab.annotation.edits import AnnotationEditor
 from caesura_lab.annotation.storage import (
     check_writable,
     new_annotation,
@@ -18,7 +18,7 @@ from caesura_lab.annotation.storage import (
     save_annotation,
     save_draft,
 )
-from caesura_lab.annotations import TruthError, read_annotation
+from caesura_lab.ground_truth import TruthError, read_annotation
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caesura_lab.annotations import TrueChangepoint, TrueSegment, read_truth
 from caesura_lab.evaluation.cut_recordings import WINDOWS, in_window
 from caesura_lab.evaluation.score import FoundSegmentation, score
 from caesura_lab.evaluation.suites import FileCase, WindowCase
+from caesura_lab.ground_truth import TrueChangepoint, TrueSegment, read_truth
 from caesura_protocol.formats.read import load_recording
 
 PICK_AND_PLACE = Path(__file__).parents[3] / "data" / "pick_and_place.npz"

@@ -6,9 +6,9 @@ import math
 
 import pytest
 
-from caesura_lab.annotations import ToleranceOptions, TrueChangepoint, TrueSegment, Truth
 from caesura_lab.evaluation.metrics import TimedEstimate, match
 from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation, Score, score
+from caesura_lab.ground_truth import ToleranceOptions, TrueChangepoint, TrueSegment, Truth
 
 WINDOW = (0.0, 10.0)
 RELEASE = TrueChangepoint(6.0, 0.1, kind="contact_off", t_alt=5.5)

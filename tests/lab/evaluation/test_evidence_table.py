@@ -12,7 +12,7 @@ import typer
 from typer.testing import CliRunner
 
 from caesura_lab.commands import register
-from caesura_lab.evaluation.library_comparison import (
+from caesura_lab.evaluation.motion_library_evidence import (
     LIBRARIES,
     LibraryEvidence,
     grid,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from caesura_lab.evaluation.baselines import switched
+from caesura_lab.evaluation.conditioned_signals import Signals, grid_signals
 from caesura_lab.evaluation.methods import PresetMethod, baselines
-from caesura_lab.evaluation.observations import Signals, grid_signals
 from caesura_lab.evaluation.third_party_baselines import gaussian_online
 from caesura_protocol.recording import Recording
 

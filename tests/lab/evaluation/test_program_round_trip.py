@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from caesura_lab.evaluation import mutations, program_round_trip
+from caesura_lab.evaluation import program_mutations, program_round_trip
 from caesura_lab.evaluation.program_round_trip import (
     RoundTripCase,
     RoundTripResult,
@@ -90,14 +90,14 @@ def test_one_person_goes_round(speed: Any) -> None:
 
 @pytest.mark.parametrize("number", [2, 5, 9, 14, 18, 45])
 def test_a_spoilt_program_is_refused_or_stays_within_its_limits(number: int) -> None:
-    fate = once_a_version(mutations.run_mutation)(number)
+    fate = once_a_version(program_mutations.run_mutation)(number)
     assert fate.outcome != "violation", fate
 
 
 def test_mutations_are_the_same_each_time_and_change_something() -> None:
     different = 0
     for number in range(40):
-        first, again = (mutations.mutate(press(), np.random.default_rng(number)) for _ in range(2))
+        first, again = (program_mutations.mutate(press(), np.random.default_rng(number)) for _ in range(2))
         assert repr(first) == repr(again)
         different += repr(first[1]) != repr(list(press()))
     assert different > 30

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caesura_lab.annotations import TruthError
 from caesura_lab.evaluation import realism
 from caesura_lab.evaluation.realism import (
     IDEAL,
@@ -20,6 +19,7 @@ from caesura_lab.evaluation.realism import (
     measures,
     separation,
 )
+from caesura_lab.ground_truth import TruthError
 from caesura_protocol.recording import Recording
 
 K = len(MEASURES)

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caesura_lab.annotations import read_truth
 from caesura_lab.evaluation.rescaled_recordings import TEMPI, in_tempo
 from caesura_lab.evaluation.suites import FileCase, OtherTempoCase
+from caesura_lab.ground_truth import read_truth
 from caesura_protocol.formats.read import load_recording
 
 PICK_AND_PLACE = Path(__file__).parents[3] / "data" / "pick_and_place.npz"

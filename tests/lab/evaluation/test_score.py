@@ -7,7 +7,13 @@ from dataclasses import replace
 
 import pytest
 
-from caesura_lab.annotations import (
+from caesura_lab.evaluation.error_analysis import error_summary
+from caesura_lab.evaluation.metrics import TimedEstimate
+from caesura_lab.evaluation.report import report
+from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation, score
+from caesura_lab.evaluation.summary import margins, summarise
+from caesura_lab.evaluation.tables import as_markdown
+from caesura_lab.ground_truth import (
     MeasuredQuantity,
     ScrewStroke,
     ToleranceOptions,
@@ -15,12 +21,6 @@ from caesura_lab.annotations import (
     TrueSegment,
     Truth,
 )
-from caesura_lab.evaluation.error_analysis import error_summary
-from caesura_lab.evaluation.metrics import TimedEstimate
-from caesura_lab.evaluation.report import report
-from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation, score
-from caesura_lab.evaluation.summary import margins, summarise
-from caesura_lab.evaluation.tables import as_markdown
 
 TRUTH = Truth(
     name="one",

@@ -16,14 +16,6 @@ import typer
 from typer.testing import CliRunner
 
 from caesura_lab.annotation.storage import new_annotation, save_annotation
-from caesura_lab.annotations import (
-    ToleranceOptions,
-    TrueSegment,
-    Truth,
-    TruthError,
-    truth_file,
-    truth_of,
-)
 from caesura_lab.commands import register
 from caesura_lab.evaluation import suites
 from caesura_lab.evaluation.baselines import Baseline, thresholds
@@ -39,6 +31,14 @@ from caesura_lab.evaluation.suites import (
     suite,
 )
 from caesura_lab.evaluation.tables import as_markdown
+from caesura_lab.ground_truth import (
+    ToleranceOptions,
+    TrueSegment,
+    Truth,
+    TruthError,
+    truth_file,
+    truth_of,
+)
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording
 from caesura_service.offline_segmentation import capabilities_of, segment_recording

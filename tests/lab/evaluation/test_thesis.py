@@ -12,21 +12,10 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from caesura_lab.annotations import TrueChangepoint, Truth
 from caesura_lab.commands import register
 from caesura_lab.evaluation.metrics import TimedEstimate
-from caesura_lab.evaluation.thesis import measure, suite
-from caesura_lab.evaluation.thesis.measure import (
-    SAME_EVENT_S,
-    ConditionedDemonstration,
-    FoundDivision,
-    RowOutcome,
-    differences,
-    pair_boundaries,
-    present_since,
-    references,
-)
-from caesura_lab.evaluation.thesis.published_segments import ROWS, ThesisBoundary, ThesisRow
+from caesura_lab.evaluation.thesis import suite, table_row_comparison
+from caesura_lab.evaluation.thesis.reference_segments import ROWS, ThesisBoundary, ThesisRow
 from caesura_lab.evaluation.thesis.simulated_demonstrations import (
     DRAWN,
     HUMAN,
@@ -39,6 +28,17 @@ from caesura_lab.evaluation.thesis.simulated_demonstrations import (
 )
 from caesura_lab.evaluation.thesis.suite import MAIN, OPEN, SuiteSetting, Task, run_task, tasks
 from caesura_lab.evaluation.thesis.summary import summarise
+from caesura_lab.evaluation.thesis.table_row_comparison import (
+    SAME_EVENT_S,
+    ConditionedDemonstration,
+    FoundDivision,
+    RowOutcome,
+    differences,
+    pair_boundaries,
+    present_since,
+    references,
+)
+from caesura_lab.ground_truth import TrueChangepoint, Truth
 from caesura_lab.teacher import simulated_teaching
 from caesura_lab.teacher.motion_profiles import UNIT_RESPONSES, time_of_share
 from caesura_lab.teacher.person import THESIS
@@ -81,7 +81,9 @@ def evidence(model: ChannelModel, forces: np.ndarray) -> float:
 def seen(*points: TrueChangepoint, path: np.ndarray | None = None) -> ConditionedDemonstration:
     t = np.arange(0.0, 6.0, 0.01)
     pos = np.zeros((t.size, 3)) if path is None else path
-    return measure.condition_demonstration(Recording(t, {"pos": pos}), Truth("x", (0.0, 6.0), points))
+    return table_row_comparison.condition_demonstration(
+        Recording(t, {"pos": pos}), Truth("x", (0.0, 6.0), points)
+    )
 
 
 def test_the_table_is_consistent():
@@ -168,15 +170,15 @@ def test_offline_a_segment_has_any_length_unless_a_mean_is_set(monkeypatch: pyte
         asked.append(hazard)
         return segment_offline(lattice, hazard, data)
 
-    monkeypatch.setattr(measure, "segment_offline", spy)
+    monkeypatch.setattr(table_row_comparison, "segment_offline", spy)
     still = Recording(
         np.arange(0.0, 3.0, 0.01),
         {"pos": np.zeros((300, 3)), "force": np.zeros((300, 3))},
         wrench_source="flange_sensor",
     )
-    demonstration = measure.condition_demonstration(still, Truth("x", (0.0, 3.0), ()))
+    demonstration = table_row_comparison.condition_demonstration(still, Truth("x", (0.0, 3.0), ()))
     for any_length in (True, False):
-        measure.divide(demonstration, PRESETS["integrated"], 0.2, any_length=any_length)
+        table_row_comparison.divide(demonstration, PRESETS["integrated"], 0.2, any_length=any_length)
     assert asked == [Uniform(len(demonstration.conditioned.observations)), Geometric(20.0)]
 
 
@@ -287,7 +289,7 @@ def test_an_online_row_is_measured_with_the_preset_of_its_setting(monkeypatch: p
         asked.append(preset)
         return views(recording, preset, threshold=threshold)
 
-    monkeypatch.setattr(measure, "views", spy)
+    monkeypatch.setattr(table_row_comparison, "views", spy)
     pair = tuple(
         SuiteSetting(name, integrated=name, online=True, rows=("R13",))
         for name in ("integrated", "integrated_tab_4_5")

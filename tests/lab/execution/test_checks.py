@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from caesura_lab.execution.cell import Cell
+from caesura_lab.execution.cell_limits import Cell
 from caesura_lab.execution.cell_simulation import CellSimulation
 from caesura_lab.execution.checks import DemonstrationQuality, check
 from caesura_lab.teacher.scenarios import SCENARIOS
 from caesura_protocol.messages import App, AppPath, Gap, ViaPoint
-from caesura_protocol.programs.app_times import earlier
+from caesura_protocol.programs.app_time_shifts import earlier
 from caesura_protocol.programs.checks.findings import CheckReport
 from caesura_protocol.programs.safety import Safety
 from caesura_service.robot import Robot, load_panda, load_robot

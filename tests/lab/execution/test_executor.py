@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from caesura_lab.evaluation.mutations import violations
+from caesura_lab.evaluation.program_mutations import violations
 from caesura_lab.execution.cell_simulation import CellSimulation
 from caesura_lab.execution.executor import RunResult, SimulatedCell, execute, run
 from caesura_lab.execution.safety_monitor import RobotStopped, SafetyMonitor
@@ -22,7 +22,7 @@ from caesura_lab.teacher.scenarios import HOLE_FLOOR_M, HOLE_PLACE, SCENARIOS, S
 from caesura_protocol.messages import App, AppPath, RestForce, ScrewMotion, ViaPoint
 from caesura_protocol.programs.checks.findings import RefusedError
 from caesura_protocol.programs.safety import DEFAULT, Safety
-from caesura_protocol.screw_motion import torque_about_axis
+from caesura_protocol.screw_torque_and_text import torque_about_axis
 from caesura_service.offline_segmentation import segment_recording
 from caesura_service.robot import Robot, load_panda
 from harness.once import once_a_version

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from caesura_lab.execution.cell_simulation import CellSimulation
 from caesura_lab.execution.simulated_arm import Setpoint, SimulatedArm
 from caesura_lab.execution.skills import SkillController
-from caesura_lab.teacher.plan import DT
+from caesura_lab.teacher.hand_motion_plan import DT
 from caesura_lab.teacher.scenarios import SCENARIOS, Surface, moved, tips
 from caesura_protocol.programs.safety import DEFAULT
 from caesura_protocol.reproduced_path import Curve

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caesura_lab.annotations import TrueChangepoint, TrueSegment, Truth
+from caesura_lab.ground_truth import TrueChangepoint, TrueSegment, Truth
 from caesura_lab.report.report_data import DELAYS_S, ReportData, collect
-from caesura_lab.report.session_times import from_start
 from caesura_lab.report.tables import (
     APP_COLUMNS,
     APP_NOTE,
@@ -21,6 +20,7 @@ from caesura_lab.report.tables import (
     ranges,
     segments_table,
 )
+from caesura_lab.report.times_from_start import from_start
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording
 from caesura_service.offline_segmentation import batches, opening_of, views

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from caesura_lab.annotations import TrueChangepoint, TrueSegment, Truth
+from caesura_lab.ground_truth import TrueChangepoint, TrueSegment, Truth
 from caesura_lab.report.figures.path import informative_planes
 from caesura_lab.report.figures.style import LONGEST_S, windows
 from caesura_lab.report.figures.tables import table_pages

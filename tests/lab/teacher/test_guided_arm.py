@@ -16,8 +16,8 @@ from caesura_lab.teacher.guided_arm import (
     SimulationTrace,
     start_posture,
 )
+from caesura_lab.teacher.hand_motion_plan import DT, Plan, make_plan
 from caesura_lab.teacher.person import THESIS
-from caesura_lab.teacher.plan import DT, Plan, make_plan
 from caesura_lab.teacher.scenarios import SCENARIOS, Scenario, Step
 from caesura_service.robot import Robot
 

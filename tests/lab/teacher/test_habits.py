@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from caesura_lab.teacher.contact_and_motion_spans import TrueState
 from caesura_lab.teacher.habits import IDEAL
 from caesura_lab.teacher.person import THESIS, draw_person, habits_stream, with_habits
 from caesura_lab.teacher.simulated_teaching import Demonstration, SimulatedTeaching
-from caesura_lab.teacher.true_spans import TrueState
 from caesura_lab.teacher.truth import annotate
 from lab.teacher.nominal import nominal_once
 

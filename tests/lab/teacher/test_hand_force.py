@@ -15,8 +15,8 @@ from caesura_lab.teacher.hand_force import (
     force_goal,
     force_profile,
 )
+from caesura_lab.teacher.hand_motion_plan import make_plan
 from caesura_lab.teacher.person import THESIS, Person
-from caesura_lab.teacher.plan import make_plan
 from caesura_lab.teacher.scenarios import DISPENSER, PICK_AND_PLACE, Step
 from lab.teacher.nominal import nominal_once
 

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from typer.testing import CliRunner
 
 from caesura_lab.evaluation.suites import SimulatedDemonstration, SuiteOptions, suite
-from caesura_lab.teacher.commands import register
+from caesura_lab.teacher.command_registration import register
 from caesura_lab.teacher.scenarios import SCENARIOS, moved
 from caesura_lab.teacher.simulated_teaching import SimulatedTeaching
 from caesura_protocol.formats.read import load_recording

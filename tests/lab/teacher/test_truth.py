@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from caesura_lab.teacher.true_spans import TrueState
+from caesura_lab.teacher.contact_and_motion_spans import TrueState
 from caesura_lab.teacher.truth import annotate
 
 Array = NDArray[np.float64]

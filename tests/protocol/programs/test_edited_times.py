@@ -20,8 +20,8 @@ from caesura_protocol.messages import (
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.comparison import differences
 from caesura_protocol.programs.document import ProgramFile, document
-from caesura_protocol.programs.formats import WRITERS
-from caesura_protocol.programs.retiming import at_factor
+from caesura_protocol.programs.export_formats import WRITERS
+from caesura_protocol.programs.program_speed import at_factor
 from harness.programs import app, pick_and_place
 
 PLACE = AppChange(field="place", author="Ann", edit=1)

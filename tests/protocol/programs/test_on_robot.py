@@ -9,7 +9,7 @@ import pytest
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.programs import document
 from caesura_protocol.programs.document import ProgramFile, document_of_apps, on_robot
-from caesura_protocol.programs.formats import WRITERS
+from caesura_protocol.programs.export_formats import WRITERS
 from caesura_protocol.robots import RobotDescription, robot_description
 from harness.programs import app
 

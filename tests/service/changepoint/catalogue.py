@@ -2,7 +2,7 @@
 
 `DENSITY`: exp(evidence) over the next observation sums to the evidence before, so that it is the product of
 predictives. The others are no densities, by design or by approximation; each says why, and what holds instead
-is what test_contract.py looks at.
+is what test_channel_model_checks.py looks at.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import Any, get_args
 import numpy as np
 
 from caesura_service.changepoint.channel_model import Channel, ChannelModel, ModelInput, Noise, Origin, Rows
+from caesura_service.changepoint.channel_model_checks import NOWHERE, rows_after
 from caesura_service.changepoint.constant_models import (
     ConstantLevel,
     FreeSpaceForce,
@@ -25,21 +26,20 @@ from caesura_service.changepoint.constant_models import (
 )
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
 from caesura_service.changepoint.contact_mixture import CONTACT, FREE, TRANSPORT, ContactMixture
-from caesura_service.changepoint.contract import NOWHERE, rows_after
 from caesura_service.changepoint.corner_weight import CornerWeight
 from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.force_rise_penalty import NoContactRise
 from caesura_service.changepoint.friction_cone import FrictionConeWeight
 from caesura_service.changepoint.guided_motion import GuidedMotion
-from caesura_service.changepoint.held_torque import HeldTorque
 from caesura_service.changepoint.presets import PRESETS
+from caesura_service.changepoint.profile_library import ProfileLibrary, first_order, minimum_jerk, overdamped
 from caesura_service.changepoint.profile_model import DisplacementPrior, ProfileModel
-from caesura_service.changepoint.profiles import ProfileLibrary, first_order, minimum_jerk, overdamped
 from caesura_service.changepoint.random_walk import StudentRandomWalk
+from caesura_service.changepoint.rate_of_change_bounds import RateOfChangeBounds
 from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
 from caesura_service.changepoint.traced_motion import TracedMotion
 from caesura_service.changepoint.turn_in_place import TurnInPlace
-from caesura_service.changepoint.turn_rate import TurnRate
+from caesura_service.changepoint.turn_resistance import TurnResistance
 
 DENSITY = "a density"
 APART = "a density of all samples together; of the next alone only where the noise is known for certain"
@@ -237,9 +237,9 @@ EVERYTHING: dict[str, ChannelModel] = {
     "corner of a turn": CornerWeight(gamma=30.0, pace=0.005, channel="rotation"),
     "no rise": NoContactRise(scale=1.0),
     "no rise but a weight's": NoContactRise(scale=1.0, most_kg=0.1),
-    "pace": TurnRate("rotation", least=0.02, most=0.1),
-    "resistance": HeldTorque(least=0.2, aligned=0.5),
-    "no resistance": HeldTorque(most=0.2),
+    "pace": RateOfChangeBounds("rotation", least=0.02, most=0.1),
+    "resistance": TurnResistance(least=0.2, aligned=0.5),
+    "no resistance": TurnResistance(most=0.2),
     "pivot": TurnInPlace(floor=0.001, share=0.02, reach=0.1),
     "pivot of a known scale": TurnInPlace(floor=0.0002, share=0.002, reach=0.3, nu0=1000.0),
     **dict(_preset_channels()),

@@ -13,8 +13,8 @@ from caesura_service.changepoint.channel_model import Noise
 from caesura_service.changepoint.constant_models import ConstantLevel, FreeSpaceForce, ThesisLoadForce
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
 from caesura_service.changepoint.evidence import log_mean_exp, log_sum_exp
+from caesura_service.changepoint.profile_library import ProfileLibrary
 from caesura_service.changepoint.profile_model import ProfileModel
-from caesura_service.changepoint.profiles import ProfileLibrary
 from caesura_service.changepoint.random_walk import StudentRandomWalk
 
 Array = np.ndarray

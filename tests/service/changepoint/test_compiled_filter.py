@@ -13,10 +13,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from caesura_service.changepoint import evidence
-from caesura_service.changepoint.best_path_window import outline_of
 from caesura_service.changepoint.channel_model import ChannelModel, Choice, ModelInput, Noise
 from caesura_service.changepoint.compiled_filter import CompiledRunLengthFilter, can_compile
+from caesura_service.changepoint.evidence_window import outline_of
 from caesura_service.changepoint.filter_choice import filter_for
+from caesura_service.changepoint.filter_parameters import FilterParameters
 from caesura_service.changepoint.guided_motion import GuidedMotion
 from caesura_service.changepoint.hazard import Geometric, Hazard, NegativeBinomial, Refractory, Uniform
 from caesura_service.changepoint.kernels.fast_math import (
@@ -27,10 +28,9 @@ from caesura_service.changepoint.kernels.fast_math import (
     shares_of,
 )
 from caesura_service.changepoint.kernels.layout import BLOCK
-from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.presets import PRESETS
+from caesura_service.changepoint.profile_library import ProfileLibrary, minimum_jerk
 from caesura_service.changepoint.profile_model import DisplacementPrior, ProfileModel
-from caesura_service.changepoint.profiles import ProfileLibrary, minimum_jerk
 from caesura_service.changepoint.random_walk import StudentRandomWalk
 from caesura_service.changepoint.run_length_filter import RunLengthFilter
 from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet

@@ -15,7 +15,7 @@ from caesura_protocol.recording import Recording
 from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.default_presets import DEFAULT, WITHOUT, default_channels
 from caesura_service.changepoint.presets import PRESETS, preset_named
-from caesura_service.changepoint.profiles import minimum_jerk
+from caesura_service.changepoint.profile_library import minimum_jerk
 from caesura_service.changepoint.segments import stretches
 from caesura_service.constants import TARED_BIAS_N
 from harness.segmentations import segmented

@@ -1,4 +1,4 @@
-"""Evidence against direct sums and known densities; test_contract.py has what holds for every model."""
+"""Evidence against direct sums and known densities; test_channel_model_checks.py has what holds for every model."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from caesura_service.changepoint.constant_models import GripperHoldingChain, Loa
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
 from caesura_service.changepoint.contact_mixture import ContactMixture
 from caesura_service.changepoint.evidence import known_mean_log_evidence, log_mean_exp, log_sum_exp
-from caesura_service.changepoint.profile_model import DisplacementPrior, ProfileModel
-from caesura_service.changepoint.profiles import (
+from caesura_service.changepoint.profile_library import (
     ProfileLibrary,
     first_order,
     lognormal,
@@ -20,6 +19,7 @@ from caesura_service.changepoint.profiles import (
     overdamped,
     whiten,
 )
+from caesura_service.changepoint.profile_model import DisplacementPrior, ProfileModel
 from caesura_service.changepoint.thesis_presets import thesis_force_library, thesis_motion_library
 
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_t
 
 from caesura_service.changepoint.channel_model import ModelInput
-from caesura_service.changepoint.contract import rows_after
+from caesura_service.changepoint.channel_model_checks import rows_after
 from caesura_service.changepoint.corner_weight import CornerWeight
 from caesura_service.changepoint.default_presets import NORMAL_NU, SLOW, corner, guided_motion
 from caesura_service.changepoint.guided_motion import GuidedMotion

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from caesura_service.changepoint.evidence import log_sum_exp
+from caesura_service.changepoint.filter_parameters import FilterParameters
 from caesura_service.changepoint.hazard import Geometric, Hazard, NegativeBinomial, Refractory, Uniform
 from caesura_service.changepoint.offline_posterior import segment_offline
-from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.run_length_filter import RunLengthFilter
 from service.changepoint.brute_force import BruteForce, demonstration

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.compiled_filter import CompiledRunLengthFilter
 from caesura_service.changepoint.evidence import log_sum_exp
+from caesura_service.changepoint.filter_parameters import FilterParameters
 from caesura_service.changepoint.hazard import Geometric, Refractory
 from caesura_service.changepoint.offline_posterior import segment_offline
-from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.run_length_filter import RunLengthFilter
 from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet

@@ -7,7 +7,7 @@ import pytest
 from scipy import integrate, stats
 
 from caesura_service.changepoint.channel_model import ModelInput
-from caesura_service.changepoint.contract import rows_after
+from caesura_service.changepoint.channel_model_checks import rows_after
 from caesura_service.changepoint.turn_in_place import TurnInPlace, centre_of, rotation_matrix
 
 MODEL = TurnInPlace(floor=0.002, share=0.01, reach=0.05, nu0=6.0)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from caesura_service.changepoint.best_path_window import PathSegment
+from caesura_service.changepoint.evidence_window import PathSegment
+from caesura_service.changepoint.rate_of_change_bounds import RateOfChangeBounds
 from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
 from caesura_service.changepoint.segments import Classification, verdict
-from caesura_service.changepoint.turn_rate import TurnRate
 
 KINDS = (
     SegmentKind("motion", "motion", "free", ("any",)),
@@ -17,7 +17,7 @@ KINDS = (
     SegmentKind("turning", "motion", "free", ("any",)),
     SegmentKind("turning", "motion", "transport", ("any",)),
 )
-LATTICE = SegmentModelSet({"any": TurnRate("rotation")}, KINDS)
+LATTICE = SegmentModelSet({"any": RateOfChangeBounds("rotation")}, KINDS)
 
 
 def shown(evidence: tuple[float, ...], *, is_turn: bool | None) -> Classification:

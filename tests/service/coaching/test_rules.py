@@ -10,7 +10,7 @@ import pytest
 
 from caesura_protocol.messages import Hint
 from caesura_service.coaching import ArmLimits, CoachingSetup, ObservedPose, SignalCoach
-from caesura_service.coaching.bias import DriftState, DriftTracker
+from caesura_service.coaching.bias_drift_tracker import DriftState, DriftTracker
 from caesura_service.coaching.measures import path_error
 from caesura_service.constants import TARED_BIAS_N
 from caesura_service.robot import load_panda

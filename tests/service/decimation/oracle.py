@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from caesura_protocol.extremes import unpack_points
 from caesura_protocol.messages import RecordedSamples
+from caesura_protocol.minmax_decimation import unpack_points
 
 
 def check(recorded: RecordedSamples, matrix: np.ndarray, columns: tuple[str, ...]) -> int:

@@ -7,8 +7,8 @@ import pytest
 
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.extremes import unpack_points
 from caesura_protocol.keys import SampleRange
+from caesura_protocol.minmax_decimation import unpack_points
 from caesura_service.decimation import SampleReader
 from caesura_service.decimation.reader import Owned
 from caesura_service.journal import FileBatches, JournalBatches, MemoryJournal, Record, SqliteJournal

@@ -12,12 +12,12 @@ import pytest
 from caesura_protocol.codec import encode, pack_samples
 from caesura_service.journal import JournalError, JournalSettings, Record, SqliteJournal
 from caesura_service.journal.deletion import BATCH, SELECT_DELETED, SESSIONS, delete_batch, mark_deleted
-from caesura_service.journal.schema import open_database
-from caesura_service.journal.sqlite import PATIENCE
+from caesura_service.journal.sqlite_database import open_database
+from caesura_service.journal.sqlite_journal import PATIENCE
 from harness.journals import not_written
 from harness.processes import eventually
 from harness.sessions import COLUMNS, NAME, STATION, batch, demonstration
-from service.journal.test_sqlite import grow_no_more
+from service.journal.test_sqlite_journal import grow_no_more
 
 COUNT = 3 * BATCH
 KEY = (STATION, NAME)
@@ -82,7 +82,7 @@ def test_what_waits_of_a_dropped_session_is_dropped_too(path, monkeypatch):
         journal.append(record(0))
         journal.append(record(0, "other"))
         with monkeypatch.context() as patch:
-            patch.setattr("caesura_service.journal.sqlite_writer.write_rows", failing)
+            patch.setattr("caesura_service.journal.writer_thread.write_rows", failing)
             journal.delete(*KEY)
         assert journal.sessions() == ((STATION, "other"),)
 
@@ -96,8 +96,8 @@ def test_dropping_goes_on_once_no_other_process_writes(path, monkeypatch):
             failing()
         return delete_batch(database)
 
-    monkeypatch.setattr("caesura_service.journal.sqlite_writer.RETRY_S", 0.01)
-    monkeypatch.setattr("caesura_service.journal.sqlite_writer.delete_batch", drop)
+    monkeypatch.setattr("caesura_service.journal.writer_thread.RETRY_S", 0.01)
+    monkeypatch.setattr("caesura_service.journal.writer_thread.delete_batch", drop)
     with SqliteJournal(path) as journal:
         taught(journal, 5)
         journal.delete(*KEY)
@@ -113,7 +113,7 @@ def test_what_another_process_dropped_is_reported_where_nothing_can_be_dropped(p
         with closing(sqlite3.connect(path, isolation_level=None)) as other:
             mark_deleted(other, (STATION, "theirs"))
         with monkeypatch.context() as patch, not_written(journal):
-            patch.setattr("caesura_service.journal.sqlite.mark_deleted", failing)
+            patch.setattr("caesura_service.journal.sqlite_journal.mark_deleted", failing)
             assert set(journal.enforce_retention(950.0)) == {(STATION, "theirs")}
         with not_written(journal):
             assert set(journal.enforce_retention(950.0)) == {(STATION, "old")}

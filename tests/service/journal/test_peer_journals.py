@@ -12,7 +12,7 @@ import pytest
 from caesura_service.journal import JournalSettings, PeerJournals, Record, SqliteJournal
 from caesura_service.journal.peer_journals import open_for_reading
 from caesura_service.journal.rows import copies_in, epoch_in
-from caesura_service.journal.schema import SCHEMA_VERSION, open_database
+from caesura_service.journal.sqlite_database import SCHEMA_VERSION, open_database
 from harness.sessions import NAME, STATION, batch, batches, closing, new_registry, opening
 
 NEVER = JournalSettings(commit_s=3600.0)  # but when told to
@@ -69,7 +69,7 @@ def test_a_peer_never_sees_a_new_journal_with_a_part_of_its_tables(tmp_path, mon
         with open_for_reading(path) as kept:
             seen.append((copies_in(kept), epoch_in(kept, STATION)))
 
-    monkeypatch.setattr("caesura_service.journal.schema.check", look)
+    monkeypatch.setattr("caesura_service.journal.sqlite_database.check", look)
     with contextlib.closing(open_database(tmp_path / "new.sqlite")):
         assert seen == [((), -1)]
 

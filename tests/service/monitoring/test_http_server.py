@@ -35,7 +35,7 @@ from caesura_service.monitoring.metrics import MetricsSource, ServiceCollector
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server import NetworkError
 from caesura_service.server.budgets import Budgets
-from caesura_service.server.rate_limits import RateLimits
+from caesura_service.server.rate_limit_settings import RateLimits
 from clients.conftest import free_port
 from harness.peer import Peer
 from harness.sessions import batch, closing, opening

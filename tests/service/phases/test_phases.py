@@ -14,7 +14,7 @@ from caesura_service.changepoint.default_presets import DEFAULT
 from caesura_service.phases import PARAMETERS, Chain, PhaseTracker
 from caesura_service.phases.model import CONTACT_STATES, PIECE_S, SegmentFeatures, seen
 from caesura_service.phases.posterior import best_last, best_states, first_step, next_step, posterior
-from caesura_service.phases.retracing import way_of
+from caesura_service.phases.retraced_path import way_of
 from caesura_service.phases.tracker import PlacesBetween
 
 NAMES = {"free": "motion", "contact": "sliding", "transport": "transport"}

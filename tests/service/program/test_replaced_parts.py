@@ -23,7 +23,7 @@ from caesura_protocol.messages import (
 )
 from caesura_protocol.programs.document import document
 from caesura_service.program.edit_log import EditLog, log_of
-from caesura_service.program.edits import check_applies, with_edits
+from caesura_service.program.program_with_edits import check_applies, with_edits
 from harness.programs import app, pick_and_place, press
 from service.program.edits import edited, log, program, ref, taught
 

@@ -8,7 +8,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import App, AppReference, ChangeApp, Program
 from caesura_service.cooperative_scheduler import Slices
 from caesura_service.program import EditLog
-from caesura_service.program.edit_draft import EditDraft
+from caesura_service.program.edited_app_list import EditedAppList
 from caesura_service.publishing import edited_programs
 from caesura_service.publishing.edited_programs import EditedPrograms
 from service.program.edits import log, program, ref, taught
@@ -21,9 +21,9 @@ GONE = ChangeApp(app=AppReference(kind="hold", t0=-5.0, tn=1e6), note="n")
 def applied(monkeypatch) -> list[int]:
     """The numbers of the edits that are applied."""
     numbers: list[int] = []
-    apply = EditDraft.apply
+    apply = EditedAppList.apply
     monkeypatch.setattr(
-        EditDraft, "apply", lambda self, edit: numbers.append(edit.number) or apply(self, edit)
+        EditedAppList, "apply", lambda self, edit: numbers.append(edit.number) or apply(self, edit)
     )
     return numbers
 

@@ -18,7 +18,7 @@ import zenoh
 from caesura_protocol.keys import ROOT, ServicePart, SessionPart, StationPart
 from caesura_protocol.transport.zenoh_transport import direct
 from caesura_service.security.credential_store import CredentialStore, IssueRequest, identities
-from caesura_service.server.network import SETTINGS
+from caesura_service.server.network_join import SETTINGS
 from clients.conftest import free_port
 
 DEADLINE_S = 30.0

@@ -11,7 +11,7 @@ import zenoh
 
 from caesura_protocol.messages import MAX_COLUMNS, MAX_MESSAGE_BYTES
 from caesura_service.security.zenoh_files import ROUTER_MAX_BYTES
-from caesura_service.server.rate_limits import RateLimits
+from caesura_service.server.rate_limit_settings import RateLimits
 from caesura_service.server.work_queue import QueueSettings
 from caesura_service.sessions.limits import Limits
 

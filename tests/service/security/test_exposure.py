@@ -11,7 +11,7 @@ import pytest
 
 from caesura_service.security import exposure
 from caesura_service.security.credential_store import CredentialStore, IssueRequest, identities
-from caesura_service.server.network import DEFAULT_ENDPOINT, NetworkError, NetworkSettings, join
+from caesura_service.server.network_join import DEFAULT_ENDPOINT, NetworkError, NetworkSettings, join
 from clients.conftest import free_port
 
 HOSTS = {
@@ -152,7 +152,7 @@ def test_a_file_says_where_to_listen_unless_an_option_does(tmp_path):
 
 def test_a_file_that_says_nothing_of_it_listens_here_alone(tmp_path, monkeypatch):
     here = f"tcp/127.0.0.1:{free_port()}"
-    monkeypatch.setattr("caesura_service.server.network.DEFAULT_ENDPOINT", here)
+    monkeypatch.setattr("caesura_service.server.network_join.DEFAULT_ENDPOINT", here)
     assert DEFAULT_ENDPOINT.startswith("tcp/127.0.0.1:")
     assert joined(config_file=written(tmp_path, {"mode": "router"})) == here
 

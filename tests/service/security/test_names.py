@@ -162,12 +162,12 @@ READS_NOTHING_SENT = (
     "numba_support",
     "commands",
     "prepare.py",
-    "large_blocks.py",
+    "malloc_threshold.py",
 )  # of the service
 # Modules that start a process. Nothing that came over the network is its command or an argument:
 # `hints --exec` runs a person's command, with the hint in variables; `playback` plays uploads;
 # `simulation` runs a program from a file of its own, at one of two speeds.
-STARTS_A_PROCESS = ("hints.py", "recordings.py", "simulation.py")
+STARTS_A_PROCESS = ("hints.py", "recordings.py", "program_simulation.py")
 ROOMS = [
     file
     for package in (caesura_protocol, caesura_clients, caesura_service)

@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 
 import zenoh
 
-from caesura_service.server.network import SETTINGS
+from caesura_service.server.network_join import SETTINGS
 from clients.conftest import free_port
 from harness.peer import DEADLINE_S
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from caesura_service.segmentation.view import Pipeline
+from caesura_service.segmentation.pipeline_interface import Pipeline
 from service.segmentation.corrected import whole
 
 

@@ -19,7 +19,7 @@ from caesura_protocol.messages import (
 )
 from caesura_service.offline_segmentation import batches, opening_of
 from caesura_service.segmentation.pipeline import make_pipeline
-from caesura_service.segmentation.view import Pipeline, PipelineView
+from caesura_service.segmentation.pipeline_interface import Pipeline, PipelineView
 
 DATA = Path(__file__).parents[3] / "data"
 SHORT = 400  # batches of a demonstration that has not ended

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from caesura_protocol.app_force_limit import LEAST_FORCE_N
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.force_limit import LEAST_FORCE_N
 from caesura_protocol.messages import (
     Action,
     Insert,
@@ -25,7 +25,7 @@ from caesura_protocol.messages import (
     TakeBack,
     Undo,
 )
-from caesura_protocol.programs.groups import groups_of
+from caesura_protocol.programs.apps_by_phase import groups_of
 from caesura_service.changepoint.preset import STEP_S
 from caesura_service.offline_segmentation import batches, opening_of
 from caesura_service.segmentation.corrections import (
@@ -36,7 +36,7 @@ from caesura_service.segmentation.corrections import (
 )
 from caesura_service.segmentation.encoded_log import EncodedMessageLog, MessageSequence
 from caesura_service.segmentation.pipeline import make_pipeline
-from caesura_service.segmentation.view import Pipeline, PipelineView
+from caesura_service.segmentation.pipeline_interface import Pipeline, PipelineView
 from harness.demonstrations import taught as many_strokes
 from service.segmentation.corrected import SHORT, begun, edit, fed, refusal, taught, times, whole, with_one
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from caesura_protocol.codec import encode
 from caesura_protocol.messages import Changepoint, Changepoints, Snapshot
-from caesura_service.publishing.messages import first_difference
+from caesura_service.publishing.state_updates import first_difference
 from caesura_service.segmentation.encoded_log import EncodedMessageLog, MessageSequence, alike
 
 

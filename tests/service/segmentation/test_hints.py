@@ -11,12 +11,12 @@ from caesura_protocol.messages import Hints, Insert, WrenchSource
 from caesura_protocol.recording import Recording
 from caesura_protocol.rotations import upright_rotation
 from caesura_service.offline_segmentation import batches, opening_of
-from caesura_service.publishing import messages
+from caesura_service.publishing import state_updates
 from caesura_service.publishing.events import Owner
 from caesura_service.publishing.session_state import SessionCounters, snapshot_of
 from caesura_service.segmentation.pipeline import make_pipeline
-from caesura_service.segmentation.view import PipelineView
-from caesura_service.sessions.closed_pipeline import view_from_snapshot
+from caesura_service.segmentation.pipeline_interface import PipelineView
+from caesura_service.sessions.restored_outcome import view_from_snapshot
 from harness.demonstrations import guided
 from harness.segmentations import segmented
 from harness.tilted import tilted
@@ -154,13 +154,15 @@ def test_a_late_subscriber_has_the_active_hints_from_the_snapshot(held: Recordin
     view = next(view for view in steps(held) if view.hints)
     opening = opening_of(held)
     empty = make_pipeline(opening, "default").view
-    state = messages.initial_state("cell-1", "s1", Owner("one", 1), "default", empty)
-    state, _ = messages.initial_messages(state)
+    state = state_updates.initial_state("cell-1", "s1", Owner("one", 1), "default", empty)
+    state, _ = state_updates.initial_messages(state)
     assert snapshot_of(state).hints is None
-    state, published = messages.apply_view(state, view, SessionCounters())
+    state, published = state_updates.apply_view(state, view, SessionCounters())
     (sent,) = [one.message for one in published if isinstance(one.message, Hints)]
     assert sent == snapshot_of(state).hints
     assert (sent.seq, sent.hints) == (0, view.hints)
-    state, published = messages.apply_view(state, view._replace(hints=tuple(view.hints)), SessionCounters())
+    state, published = state_updates.apply_view(
+        state, view._replace(hints=tuple(view.hints)), SessionCounters()
+    )
     assert published == []
     assert view_from_snapshot(snapshot_of(state)).hints == view.hints

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording
-from caesura_service.segmentation.view import PipelineView
+from caesura_service.segmentation.pipeline_interface import PipelineView
 from harness.segmentations import segmented
 
 DATA = Path(__file__).parents[3] / "data"

@@ -28,10 +28,10 @@ from caesura_service.segmentation.pipeline import (
     SegmentationPipeline,
     make_pipeline,
 )
+from caesura_service.segmentation.pipeline_interface import PipelineView
 from caesura_service.segmentation.segmenter import Segmenter
-from caesura_service.segmentation.view import PipelineView
 from caesura_service.signals.sample_layout import SIGNALS
-from caesura_service.signals.wrench_sources import FORCE_FRAMES, HANDS_ON_ROBOT, WRENCH_SOURCES
+from caesura_service.signals.wrench_capabilities import FORCE_FRAMES, HANDS_ON_ROBOT, WRENCH_SOURCES
 from harness.segmentations import segmented
 from service.streams import pieces
 

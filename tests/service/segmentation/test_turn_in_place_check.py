@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from caesura_protocol.recording import Recording
 from caesura_service.constants import TURN_SHARE
 from caesura_service.offline_segmentation import segment_recording
-from caesura_service.segmentation.screwing import Course
+from caesura_service.segmentation.screw_motion_fit import Course
 from caesura_service.segmentation.turn_in_place_check import is_turn_in_place, sway_of
 
 Array = NDArray[np.float64]

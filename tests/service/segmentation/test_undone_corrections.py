@@ -29,7 +29,7 @@ from caesura_service.segmentation.corrections import (
     ResolvedEdit,
 )
 from caesura_service.segmentation.pipeline import SegmentationPipeline
-from caesura_service.segmentation.view import Pipeline
+from caesura_service.segmentation.pipeline_interface import Pipeline
 from service.segmentation.corrected import SHORT, begun, edit, fed, times, whole, with_one
 
 

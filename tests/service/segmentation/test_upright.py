@@ -23,11 +23,11 @@ from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.run_length_filter import RunLengthFilter
 from caesura_service.conditioned_recording import condition
 from caesura_service.offline_segmentation import batches, opening_of
-from caesura_service.program import loads
+from caesura_service.program import carried_loads
 from caesura_service.program.program_segment import Context, ProgramSegment
 from caesura_service.segmentation.pipeline import SegmentationPipeline, make_pipeline
+from caesura_service.segmentation.pipeline_interface import Pipeline, PipelineView
 from caesura_service.segmentation.segmenter import filter_of
-from caesura_service.segmentation.view import Pipeline, PipelineView
 from caesura_service.signals.tare import RestCriterion, tare_of
 from harness.segmentations import segmented
 from harness.tilted import about_z, tilted
@@ -255,7 +255,7 @@ def test_what_hangs_on_the_robot_pulls_against_up():
         pulled = lifted.model_copy(update={**read, "force_end": tuple(-5.0 * value for value in up)})
         pulled = pulled.model_copy(update={"force_held": pulled.force_end})
         step = ProgramSegment(0, pulled, 1.0)
-        hangs = loads.hanging(step, Context((), lambda t: None, up))  # type: ignore[arg-type,return-value]
+        hangs = carried_loads.hanging(step, Context((), lambda t: None, up))  # type: ignore[arg-type,return-value]
         assert hangs.segment.contact == "transport"
         assert hangs.segment.load_kg == pytest.approx(5.0 / 9.81)
-        assert loads.hanging(step, Context((), lambda t: None)) is step  # type: ignore[arg-type,return-value]
+        assert carried_loads.hanging(step, Context((), lambda t: None)) is step  # type: ignore[arg-type,return-value]

@@ -12,8 +12,8 @@ from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_protocol.transport.memory import MemoryNetwork
 from caesura_service.server.channel_poller import CHANNEL, ChannelPoller
 from caesura_service.server.memory_network import MemorySession
-from caesura_service.server.network import NetworkSettings, join
 from caesura_service.server.network_interface import Incoming, Network
+from caesura_service.server.network_join import NetworkSettings, join
 from harness.peer import Client, MemoryPeer, Peer
 from harness.processes import eventually
 

@@ -16,7 +16,7 @@ from caesura_protocol.messages import Message, Program, ServiceStatus
 from caesura_protocol.token_bucket import Rate
 from caesura_protocol.transport.inbox import IncomingQuery, TokenChange
 from caesura_protocol.transport.memory import MemoryNetwork, MemoryQuestion, intersect
-from caesura_protocol.transport.network import NOTHING
+from caesura_protocol.transport.transport_interface import NOTHING
 from caesura_service.app import Service
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server import query_server
@@ -24,7 +24,7 @@ from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import Arrival, LivelinessChanged
 from caesura_service.server.live_tokens import TokenChanges
 from caesura_service.server.memory_network import in_memory
-from caesura_service.server.rate_limits import RateLimits
+from caesura_service.server.rate_limit_settings import RateLimits
 from caesura_service.server.station_manager import StationManager
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 from harness.attacker import until_accepted

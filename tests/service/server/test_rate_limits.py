@@ -32,7 +32,7 @@ from caesura_service.server import query_server
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.memory_network import in_memory
 from caesura_service.server.muted_sources import MUTED_S, MutedSources
-from caesura_service.server.rate_limits import RateLimits
+from caesura_service.server.rate_limit_settings import RateLimits
 from harness.peer import MemoryPeer
 from harness.sessions import batches, heartbeat, opening
 

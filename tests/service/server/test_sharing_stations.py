@@ -15,7 +15,7 @@ import pytest
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import NOTHING_SAID, session_key, station_key
 from caesura_protocol.messages import Ack, Close, Open, Posterior
-from caesura_protocol.transport.network import NOTHING
+from caesura_protocol.transport.transport_interface import NOTHING
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.journal import JournalError, SqliteJournal

@@ -15,8 +15,8 @@ import pytest
 from caesura_clients import Caesura, query
 from caesura_clients.cli.options import only_station
 from caesura_clients.dashboard.network_follower import NetworkFollower
-from caesura_clients.dashboard.session_history import sessions
-from caesura_clients.editing import send
+from caesura_clients.dashboard.session_list_rows import sessions
+from caesura_clients.session_corrections import send
 from caesura_protocol.errors import NotFound, ProtocolError
 from caesura_protocol.keys import SampleRange, StoredPage, session_key
 from caesura_protocol.messages import Describe, Description, Snapshot

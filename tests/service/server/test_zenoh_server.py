@@ -19,7 +19,7 @@ from caesura_protocol.messages import (
     SessionStatus,
     Snapshot,
 )
-from caesura_protocol.transport.network import NOTHING
+from caesura_protocol.transport.transport_interface import NOTHING
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline

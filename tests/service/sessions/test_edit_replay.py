@@ -28,7 +28,7 @@ from caesura_service.journal import AppliedEdit, MemoryJournal
 from caesura_service.publishing.session_state import program_of, snapshot_of
 from caesura_service.segmentation.corrections import ResolvedEdit, correction_of
 from caesura_service.segmentation.pipeline import SegmentationPipeline
-from caesura_service.sessions.closed_pipeline import state_from_snapshot
+from caesura_service.sessions.restored_outcome import state_from_snapshot
 from harness.sessions import (
     NAME,
     OWNER,

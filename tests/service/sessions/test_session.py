@@ -10,8 +10,8 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import MAX_GAPS, Ack, Changepoints, Posterior, Program, Segments, SessionStatus
 from caesura_service.publishing.events import BatchRejected, Output, ReplayEnded, Reply, SessionFailed
 from caesura_service.publishing.session_state import snapshot_of, status_of
-from caesura_service.sessions.closed_pipeline import state_from_snapshot
 from caesura_service.sessions.limits import Limits
+from caesura_service.sessions.restored_outcome import state_from_snapshot
 from caesura_service.sessions.session import Session
 from harness.sessions import (
     COLUMNS,

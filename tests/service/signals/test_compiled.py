@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from caesura_service.signals import Conditioner, ConditioningOutput, Observation, SampleLayout, backend
 from caesura_service.signals.backend import REFERENCE, best
-from caesura_service.signals.warm_up import prepare
+from caesura_service.signals.kernel_warm_up import prepare
 from service.signals.awkward import LAYOUTS, awkward_samples
 from service.signals.samples import bits, together
 

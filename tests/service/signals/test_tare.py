@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from caesura_service.signals import WRENCH_SOURCES, Conditioner, SampleLayout, baseline, wrench_capabilities
 from caesura_service.signals.tare import RestCriterion, Tare, tare_of
-from caesura_service.signals.wrench_sources import HANDS_ON_ROBOT
+from caesura_service.signals.wrench_capabilities import HANDS_ON_ROBOT
 from service.signals.samples import (
     FORCE,
     POSITION,

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from caesura_clients.bridge.sources import Chunk
-from caesura_clients.bridge.sources.pacing import PacedSource
+from caesura_clients.bridge.sources.paced_source import PacedSource
 from caesura_protocol.recording import Recording
 
 CHUNK_S = 0.02  # what a robot's driver delivers at once

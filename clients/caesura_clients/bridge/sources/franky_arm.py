@@ -14,11 +14,11 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from caesura_clients.bridge.sources.franka import FrankaSource, state_of
+from caesura_clients.bridge.sources.libfranka_state import FrankaSource, state_of
 from caesura_clients.bridge.sources.live_arm import NO_GRIPPER, connect_arm
-from caesura_protocol.distribution import import_extra
-from caesura_protocol.formats.poses import Transform, pose_of
+from caesura_protocol.flange_pose import Transform, pose_of
 from caesura_protocol.messages import HandOnRobot
+from caesura_protocol.package_version_and_extras import import_extra
 
 
 def open_franky(host: str, *, gripper: bool = True, hand_on_robot: HandOnRobot = "yes") -> FrankaSource:

@@ -18,7 +18,7 @@ import numpy as np
 from caesura_clients.bridge.sources import Chunk
 from caesura_protocol.columns import columns_of
 from caesura_protocol.errors import SourceError
-from caesura_protocol.formats.poses import Quaternion, Transform, nearest
+from caesura_protocol.flange_pose import Quaternion, Transform, nearest
 from caesura_protocol.messages import ForceFrame, HandOnRobot, LengthUnit, WrenchSource
 
 logger = logging.getLogger(__name__)

@@ -10,10 +10,10 @@ from pathlib import Path
 
 from caesura_clients.bridge.sources import Source
 from caesura_clients.bridge.sources.file import FileSource
-from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import ESTIMATE, HANDS_ON_ROBOT, WRENCH_SOURCES, HandOnRobot, WrenchSource
+from caesura_protocol.package_version_and_extras import import_extra
 from caesura_protocol.plausibility import WIRE_UNIT
 from caesura_protocol.recording import declared_units
 from caesura_protocol.robots import GripperDescription, RobotDescription, grippers, robot_description
@@ -229,7 +229,7 @@ def _host(options: SourceOptions, name: str) -> str:
 
 
 def _ros2(options: SourceOptions) -> Source:
-    from caesura_protocol.formats.column_mapping import load_mapping  # noqa: PLC0415 - not every bridge needs it
+    from caesura_protocol.formats.mapping_file_read import load_mapping  # noqa: PLC0415 - not every bridge needs it
 
     with import_extra("ros2", "the source ros2"):
         from caesura_clients.bridge.sources.ros2 import open_ros2  # noqa: PLC0415 - an extra

@@ -24,7 +24,7 @@ import numpy as np
 
 from caesura_clients.bridge.sources import Chunk, Mark
 from caesura_protocol.errors import SourceError
-from caesura_protocol.formats.column_mapping import ColumnMapping
+from caesura_protocol.formats.mapping_file_read import ColumnMapping
 from caesura_protocol.formats.raw_recording import WrenchStatement
 from caesura_protocol.formats.ros_messages import TopicRule, definitions_of, stamp_of, topic_rules
 from caesura_protocol.formats.ros_types import FRANKA_STATE, READ, CannotDecode, decoder
@@ -35,9 +35,9 @@ from caesura_protocol.number_words import fixed, interval
 from caesura_protocol.programs.safety import UNSET, CellSettings
 from caesura_protocol.recording import RecordingError
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample
-from caesura_protocol.transport.network import Transport
+from caesura_protocol.transport.transport_interface import Transport
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
-from caesura_protocol.upright import parse_up
+from caesura_protocol.up_direction import parse_up
 
 CHUNK_SAMPLES = 20
 PATIENCE_S = 0.1  # that a row waits for a topic that lags behind

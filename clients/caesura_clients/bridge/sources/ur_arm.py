@@ -28,10 +28,10 @@ from typing import Any
 
 from caesura_clients.bridge.sources.live_arm import ArmState, LiveArm, connect_arm
 from caesura_clients.bridge.sources.robotiq_urcap import UrcapGripper
-from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import SourceError
-from caesura_protocol.formats.poses import Transform, flange_of, moved_wrench, pose_of_rotation_vector
+from caesura_protocol.flange_pose import Transform, flange_of, moved_wrench, pose_of_rotation_vector
 from caesura_protocol.messages import ESTIMATE, HandOnRobot, WrenchSource
+from caesura_protocol.package_version_and_extras import import_extra
 from caesura_protocol.robots import GripperDescription, RobotDescription
 
 SILENT_S = 1.0  # without a new state: the arm is lost

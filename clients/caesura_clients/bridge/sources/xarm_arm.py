@@ -31,15 +31,15 @@ from importlib import import_module
 from typing import Any
 
 from caesura_clients.bridge.sources.live_arm import ArmState, LiveArm, connect_arm
-from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import SourceError
-from caesura_protocol.formats.poses import (
+from caesura_protocol.flange_pose import (
     Transform,
     flange_of,
     pose_of_roll_pitch_yaw,
     pose_of_rotation_vector,
 )
 from caesura_protocol.messages import ESTIMATE, HandOnRobot, WrenchSource
+from caesura_protocol.package_version_and_extras import import_extra
 from caesura_protocol.robots import RobotDescription
 
 SILENT_S = 1.0  # without a report: the arm is lost

@@ -10,11 +10,11 @@ from nicegui import ui
 from nicegui.element import Element
 from nicegui.elements.mixins.text_element import TextElement
 
+from caesura_clients.dashboard.correction_requests import Corrector
 from caesura_clients.dashboard.demonstration_control import DemonstrationDesk
-from caesura_clients.dashboard.editing import Corrector
 from caesura_clients.dashboard.network_follower import NetworkFollower
+from caesura_clients.dashboard.program_simulation import Simulator
 from caesura_clients.dashboard.recordings import RecordingDesk
-from caesura_clients.dashboard.simulation import Simulator
 
 ASSETS = "/assets"
 TICK_S = 0.1  # updates of a page; ten a second at most

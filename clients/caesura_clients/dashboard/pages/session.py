@@ -9,24 +9,24 @@ from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 from caesura_clients.dashboard.conflicts import EditConflict
+from caesura_clients.dashboard.correction_requests import EditRefused, correct, preview
 from caesura_clients.dashboard.demonstration_control import controls, description_of
 from caesura_clients.dashboard.drawing_updates import run_lengths
-from caesura_clients.dashboard.editing import EditRefused, correct, preview
-from caesura_clients.dashboard.elements import (
+from caesura_clients.dashboard.hint_banner import banner_of
+from caesura_clients.dashboard.nicegui_elements import (
     DescriptionForm,
     HintBanner,
     ProgramTimeline,
     SessionView,
     StartStop,
 )
-from caesura_clients.dashboard.hints import banner_of
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
 from caesura_clients.dashboard.pages.stored_session import StoredSession
 from caesura_clients.dashboard.program_differences import compared_versions
 from caesura_clients.dashboard.program_edits import ProgramDesk
+from caesura_clients.dashboard.program_simulation import SPEEDS, Simulation, SimulatorBusyError
 from caesura_clients.dashboard.program_timeline import Timeline
-from caesura_clients.dashboard.session_history import PartChoice
-from caesura_clients.dashboard.simulation import SPEEDS, Simulation, SimulatorBusyError
+from caesura_clients.dashboard.session_list_rows import PartChoice
 from caesura_clients.dashboard.station_summary import (
     StationSummary,
     glance,
@@ -34,10 +34,10 @@ from caesura_clients.dashboard.station_summary import (
     session_clock,
     warning_of,
 )
-from caesura_clients.results import Update
+from caesura_clients.session_state_reader import Update
 from caesura_protocol import messages as wire
 from caesura_protocol.number_words import counted
-from caesura_protocol.session_clock import NO_OFFSET, clock_of
+from caesura_protocol.session_time_display import NO_OFFSET, clock_of
 
 ONLY_READ = (
     "Newer sessions have taken the place of this one in the service: it can be read, exported and replayed, "

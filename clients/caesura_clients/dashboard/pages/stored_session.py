@@ -7,7 +7,7 @@ from contextlib import suppress
 from nicegui import background_tasks, run
 
 from caesura_clients.dashboard.network_follower import NetworkFollower
-from caesura_clients.results import Update
+from caesura_clients.session_state_reader import Update
 from caesura_protocol.errors import CaesuraError, ProtocolError
 
 AGAIN_S = 2.0  # after the first query; the interval doubles

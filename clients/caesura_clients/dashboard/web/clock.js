@@ -1,4 +1,4 @@
-// The clock of a session as people read it, as `session_clock.py`: from `start` [s] on. What is drawn, chosen and sent
+// The clock of a session as people read it, as `session_time_display.py`: from `start` [s] on. What is drawn, chosen and sent
 // has the clock of the samples.
 import { fixed } from "caesura-dashboard/numbers.js";
 

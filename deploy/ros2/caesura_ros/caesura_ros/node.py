@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from caesura_clients import CaesuraError, Update, connect
-from caesura_clients.describing import changed
+from caesura_clients.demonstration_control import changed
 from caesura_protocol.messages import Changepoints, Description, Segments
 from caesura_protocol.programs.document import document
 from caesura_ros.conversion import as_ros

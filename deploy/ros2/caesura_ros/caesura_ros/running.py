@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from caesura_protocol.programs.document import ProgramFile
-from caesura_protocol.programs.formats import WRITERS
-from caesura_protocol.programs.gripping import with_gripper
+from caesura_protocol.programs.export_formats import WRITERS
+from caesura_protocol.programs.program_gripper import with_gripper
 
 UR_PORT = 30002  # the secondary interface, which takes a program
 CONNECT_S = 5.0

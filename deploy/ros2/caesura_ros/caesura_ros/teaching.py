@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from caesura_clients import Caesura, CaesuraError, Update, describing
+from caesura_clients import Caesura, CaesuraError, Update, demonstration_control
 from caesura_protocol.messages import Description, Program
 
 SILENCE_S = 1.0  # after which a silent session is looked at again, so that a cancellation is seen
@@ -34,7 +34,9 @@ def teach(
     """
     program = None
     try:
-        session = describing.start(caesura.transport, station, description, session=session or None).session
+        session = demonstration_control.start(
+            caesura.transport, station, description, session=session or None
+        ).session
         stopped = False
         while True:
             for update in caesura.results(station, session, silence_s=SILENCE_S):
@@ -45,7 +47,7 @@ def teach(
                 if is_cancelled() and not stopped:
                     break
             if is_cancelled() and not stopped:
-                describing.stop(caesura.transport, station, session=session)
+                demonstration_control.stop(caesura.transport, station, session=session)
                 stopped = True
     except CaesuraError as error:
         return Taught(False, str(error), session, program)

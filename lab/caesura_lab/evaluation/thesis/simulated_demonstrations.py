@@ -35,8 +35,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from caesura_lab.annotations import Truth, truth_of
-from caesura_lab.teacher.fingertip_contact import Surface
+from caesura_lab.ground_truth import Truth, truth_of
+from caesura_lab.teacher.level_surface_contact import Surface
 from caesura_lab.teacher.motion_profiles import Profile, Vector
 from caesura_lab.teacher.person import THESIS, Person, draw_person
 from caesura_lab.teacher.scenarios import (

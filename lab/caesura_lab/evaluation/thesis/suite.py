@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from caesura_lab.evaluation.thesis.measure import RowOutcome, condition_demonstration, measure
-from caesura_lab.evaluation.thesis.published_segments import ROWS, ThesisRow
+from caesura_lab.evaluation.thesis.reference_segments import ROWS, ThesisRow
 from caesura_lab.evaluation.thesis.simulated_demonstrations import SuiteDemonstration
+from caesura_lab.evaluation.thesis.table_row_comparison import RowOutcome, condition_demonstration, measure
 from caesura_lab.teacher.motion_profiles import Profile
 from caesura_service.changepoint.channel_model import ChannelModel
 from caesura_service.changepoint.constant_velocity import ConstantVelocity

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
-from caesura_lab.evaluation.thesis.measure import RowOutcome
-from caesura_lab.evaluation.thesis.published_segments import ROWS, ThesisRow
+from caesura_lab.evaluation.thesis.reference_segments import ROWS, ThesisRow
 from caesura_lab.evaluation.thesis.suite import MAIN, Result
+from caesura_lab.evaluation.thesis.table_row_comparison import RowOutcome
 
 PASSES = 0.9  # of the seeds
 

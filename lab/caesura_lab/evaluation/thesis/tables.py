@@ -8,10 +8,10 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
-from caesura_lab.evaluation.thesis.measure import TOLERANCE_S
-from caesura_lab.evaluation.thesis.published_segments import ROWS, ExpectedValue, ThesisRow
+from caesura_lab.evaluation.thesis.reference_segments import ROWS, ExpectedValue, ThesisRow
 from caesura_lab.evaluation.thesis.suite import OPEN
 from caesura_lab.evaluation.thesis.summary import PASSES, Report, Summary, main_settings
+from caesura_lab.evaluation.thesis.table_row_comparison import TOLERANCE_S
 
 FAULTS = 3  # so many of a row's differences are shown
 UNITS = {"force_n": "N", "load_kg": "kg"}

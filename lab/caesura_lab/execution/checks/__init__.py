@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from caesura_lab.execution.cell import Cell
+from caesura_lab.execution.cell_limits import Cell
 from caesura_lab.execution.checks.reachability import reach_findings
 from caesura_protocol.messages import App
 from caesura_protocol.programs.checks import (
@@ -23,7 +23,7 @@ from caesura_protocol.programs.checks import (
     workspace_findings,
 )
 from caesura_protocol.programs.checks.findings import CheckReport, Finding
-from caesura_protocol.programs.gripping import within_gripper
+from caesura_protocol.programs.program_gripper import within_gripper
 from caesura_protocol.robots import GripperDescription
 from caesura_service.robot import Robot
 

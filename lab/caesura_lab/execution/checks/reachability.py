@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from caesura_lab.execution.cell import Cell
+from caesura_lab.execution.cell_limits import Cell
 from caesura_lab.execution.joint_speeds import JOINT_SHARE, fastest_joint
 from caesura_lab.execution.trajectories import app_path, press_direction
 from caesura_lab.teacher.guided_arm import lever_along

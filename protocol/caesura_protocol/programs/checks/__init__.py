@@ -10,11 +10,11 @@ from caesura_protocol.programs.checks.findings import Finding
 from caesura_protocol.programs.checks.gripper_capability import gripper_findings
 from caesura_protocol.programs.checks.mounting import mounting_findings
 from caesura_protocol.programs.checks.preconditions import order_findings
-from caesura_protocol.programs.checks.timing import timing_findings
+from caesura_protocol.programs.checks.speed_factor import timing_findings
 from caesura_protocol.programs.checks.value_ranges import value_findings
 from caesura_protocol.programs.checks.workspace import workspace_findings
 from caesura_protocol.programs.document import ProgramFile
-from caesura_protocol.programs.gripping import gripper_of, within_gripper
+from caesura_protocol.programs.program_gripper import gripper_of, within_gripper
 from caesura_protocol.robots import GripperError, RobotError
 
 __all__ = [

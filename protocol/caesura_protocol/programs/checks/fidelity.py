@@ -15,15 +15,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from caesura_protocol.app_force_limit import exerted_forces, force_in_words, rests_in_words
 from caesura_protocol.app_kinds import APP_KINDS
-from caesura_protocol.force_limit import exerted_forces, force_in_words, rests_in_words
 from caesura_protocol.messages import App, Gap, ViaPoint, WrenchReport
 from caesura_protocol.number_words import fixed, interval, reads_above
-from caesura_protocol.programs.app_times import part_of, rests_of
+from caesura_protocol.programs.app_time_shifts import part_of, rests_of
 from caesura_protocol.programs.checks.findings import Finding, in_mm
 from caesura_protocol.programs.document import ProgramStep
-from caesura_protocol.programs.gripping import GRIP_REACH_M, SURE_SDS, held_loads
-from caesura_protocol.programs.program_timing import ProgramTiming
+from caesura_protocol.programs.document_timing import ProgramTiming
+from caesura_protocol.programs.program_gripper import GRIP_REACH_M, SURE_SDS, held_loads
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
 from caesura_protocol.rotations import angle_between

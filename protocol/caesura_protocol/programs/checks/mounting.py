@@ -11,7 +11,7 @@ import math
 from caesura_protocol.messages import Vector
 from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.checks.findings import Finding
-from caesura_protocol.upright import APART_RAD, UP, tilt_between, up_in_words
+from caesura_protocol.up_direction import APART_RAD, UP, tilt_between, up_in_words
 
 
 def mounting_findings(taught: Vector | None, runs: Vector | None = None) -> list[Finding]:

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from caesura_protocol.app_force_limit import LEAST_PRESS_N, exerted_forces
 from caesura_protocol.app_kinds import APP_KINDS
-from caesura_protocol.force_limit import LEAST_PRESS_N, exerted_forces
 from caesura_protocol.messages import JOINTS_MOST, App, AppPath, ViaPoint
 from caesura_protocol.number_words import fixed, reads_above
 from caesura_protocol.programs.checks.findings import Finding

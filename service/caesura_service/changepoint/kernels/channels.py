@@ -11,6 +11,7 @@ import math
 
 from caesura_service.changepoint.kernels.array_tuple import model_at, state_at
 from caesura_service.changepoint.kernels.fast_math import log_sum_exp, logarithms
+from caesura_service.changepoint.kernels.guided_motion_and_corner import corner, guided
 from caesura_service.changepoint.kernels.layout import (
     AXES,
     BIASED,
@@ -36,10 +37,8 @@ from caesura_service.changepoint.kernels.layout import (
     VELOCITY,
     WALK,
 )
-from caesura_service.changepoint.kernels.movement import corner, guided
-from caesura_service.changepoint.kernels.pivot import pivot
-from caesura_service.changepoint.kernels.profiles import profiled
-from caesura_service.changepoint.kernels.residuals import (
+from caesura_service.changepoint.kernels.profile_model import profiled
+from caesura_service.changepoint.kernels.residual_evidence import (
     LOG_2PI,
     SQUARES,
     by_length,
@@ -52,7 +51,8 @@ from caesura_service.changepoint.kernels.residuals import (
     student,
     whole,
 )
-from caesura_service.changepoint.kernels.tracing import traced
+from caesura_service.changepoint.kernels.traced_motion import traced
+from caesura_service.changepoint.kernels.turn_in_place import pivot
 from caesura_service.numba_support.decorators import compiled
 
 WEIGHT, VARIANCE, INSIDE = 5, 6, 7  # rows of the work
@@ -121,7 +121,7 @@ def walk(here, c, joins):
 
 @compiled
 def pace(here, c, joins):
-    """`TurnRate`. Field: Σ log weight. The step is the same for every hypothesis."""
+    """`RateOfChangeBounds`. Field: Σ log weight. The step is the same for every hypothesis."""
     model, state = model_at(here), state_at(here)
     channel, log_weight = model.channels[c], 0.0
     if joins:
@@ -132,7 +132,7 @@ def pace(here, c, joins):
 
 @compiled
 def resistance(here, c, joins):
-    """`HeldTorque`. Field: Σ log weight. The step is the same for every hypothesis."""
+    """`TurnResistance`. Field: Σ log weight. The step is the same for every hypothesis."""
     model, state = model_at(here), state_at(here)
     channel, now, log_evidence = model.channels[c], state.now, 0.0
     if joins:

@@ -6,11 +6,11 @@ import math
 
 from caesura_service.changepoint.kernels.array_tuple import model_at, state_at
 from caesura_service.changepoint.kernels.channels import take
+from caesura_service.changepoint.kernels.evidence_window import keep_shares, link, remember, smooth, sum_from
 from caesura_service.changepoint.kernels.fast_math import exponentials, logarithms, most_of, shares_of
 from caesura_service.changepoint.kernels.layout import AXES, FREE, HOLDING, ROTATION
-from caesura_service.changepoint.kernels.nodes import copy, new_node, node_made, refer, release, settle
-from caesura_service.changepoint.kernels.residuals import whole
-from caesura_service.changepoint.kernels.window import keep_shares, link, remember, smooth, sum_from
+from caesura_service.changepoint.kernels.path_nodes import copy, new_node, node_made, refer, release, settle
+from caesura_service.changepoint.kernels.residual_evidence import whole
 from caesura_service.numba_support.decorators import compiled
 
 UNKNOWN = -1

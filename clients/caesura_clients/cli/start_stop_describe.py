@@ -1,0 +1,240 @@
+"""`caesura start`, `stop` and `describe`, and the loop of `caesura bridge --standby`, which executes them."""
+
+from __future__ import annotations
+
+import getpass
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
+from typing import Annotated, Literal, NamedTuple
+
+import typer
+
+from caesura_clients import demonstration_control
+from caesura_clients.bridge import BridgeSettings, Source
+from caesura_clients.bridge.standby import Standby
+from caesura_clients.cli.connection_options import Config, Connect
+from caesura_clients.cli.options import connected, grouped, named, reported
+from caesura_clients.client import Caesura
+from caesura_clients.demonstration_control import CONTROL_TIMEOUT_S
+from caesura_protocol.codec import decode
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import station_key
+from caesura_protocol.messages import BridgeStatus, Description
+from caesura_protocol.number_words import counted
+from caesura_protocol.transport.inbox import Inbox, ReceivedSample
+
+PATIENCE_S = 2.0
+MOST_STATUSES = 16  # of a bridge that are kept; the newest counts
+WAITING = f"waiting, for {CONTROL_TIMEOUT_S:g} s at most"
+
+Said = Literal["yes", "no"]
+StationArgument = Annotated[str, typer.Argument(help="Teaching station.")]
+
+
+class DescriptionOptions(NamedTuple):
+    """Command-line options that describe a session: task, operator, note and tags."""
+
+    task: Annotated[str | None, typer.Option(help="Name of the task, by which the session is found.")] = None
+    operator: Annotated[str | None, typer.Option(help="Who teaches.")] = None
+    note: Annotated[str | None, typer.Option(help="A line about the session.")] = None
+    tag: Annotated[list[str] | None, typer.Option(help="May be repeated.")] = None
+
+    def description(self) -> Description:
+        """Return the description that the options state. Raises CaesuraError for a value that is invalid."""
+        return demonstration_control.changed(
+            Description(), task=self.task, operator=self.operator, note=self.note, tags=tuple(self.tag or ())
+        )
+
+
+@grouped
+def start(
+    *,
+    station: StationArgument,
+    stated: DescriptionOptions,
+    session: Annotated[str | None, typer.Option(help="Session name; by default made from the time.")] = None,
+    endpoint: Connect = None,
+    config: Config = None,
+) -> None:
+    """Start a demonstration at a bridge in standby."""
+    with reported():
+        named(station)
+        description = stated.description()
+        with connected(endpoint, config) as caesura:
+            ack = demonstration_control.start(caesura.transport, station, description, session=session)
+    typer.echo(f"{station}/{ack.session} is being taught")
+
+
+def stop(
+    station: StationArgument,
+    success: Annotated[Said | None, typer.Option(help="Did the demonstration succeed?")] = None,
+    session: Annotated[str | None, typer.Option(help="By default the current one.")] = None,
+    without_bridge: Annotated[
+        bool,
+        typer.Option(
+            "--without-bridge",
+            help="Close what a bridge that ended for good left open, as far as it came.",
+        ),
+    ] = False,
+    endpoint: Connect = None,
+    config: Config = None,
+) -> None:
+    """Stop the demonstration of a station; returns once the service has all of it, but for what is lost."""
+    stated = None if success is None else success == "yes"
+    with reported():
+        named(station)
+        if without_bridge:
+            with connected(endpoint, config) as caesura:
+                found = demonstration_control.close_left_open(
+                    caesura.transport, station, session=session, success=stated
+                )
+            for closed in found:
+                typer.echo(f"{station}/{closed.session} is over")
+            return
+        with connected(endpoint, config) as caesura, _stating_what_lasts(caesura, station):
+            ack = demonstration_control.stop(caesura.transport, station, session=session, success=stated)
+    typer.echo(f"{station}/{ack.session} is over")
+    if ack.lost:
+        shown = f"caesura sessions show {ack.session} --station {station}"
+        lost = f"{counted(ack.lost, 'batch')} of it lost"
+        typer.echo(f"warning: {lost}: `{shown}` states when and why", err=True)
+
+
+@contextmanager
+def _stating_what_lasts(caesura: Caesura, station: str) -> Iterator[None]:
+    """State on the error stream why a stop has not returned after `PATIENCE_S`."""
+    received = Inbox(MOST_STATUSES)
+
+    def state() -> None:
+        typer.echo(f"{what_lasts(_newest(received))}: {WAITING}", err=True)
+
+    timer = threading.Timer(PATIENCE_S, state)
+    with caesura.transport.subscribe(station_key(station, "bridge_status"), received):
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+
+
+def _newest(received: Inbox) -> BridgeStatus | None:
+    """Return the last status that a bridge published; None if it published none, or access is denied."""
+    status = None
+    while (item := received.get(0.0)) is not None:
+        if isinstance(item, ReceivedSample):
+            with suppress(ProtocolError):
+                status = decode(item.payload, item.encoding, BridgeStatus)
+    return status
+
+
+def what_lasts(status: BridgeStatus | None) -> str:
+    """Return why a stop has not returned.
+
+    status: the last status of its bridge, None if the bridge has published none.
+    """
+    if status is None:
+        return "the bridge has not answered yet"
+    if status.state != "stopping":
+        return f"the bridge has not ended the demonstration yet, it is {status.state}"
+    if status.problem is not None:
+        return status.problem
+    return "the service has not stored the whole demonstration yet"
+
+
+@grouped
+def describe(
+    *,
+    station: StationArgument,
+    session: Annotated[str, typer.Argument(help="Session, as `caesura sessions` names it.")],
+    stated: DescriptionOptions,
+    success: Annotated[Said | None, typer.Option(help="Did the demonstration succeed?")] = None,
+    deleted: Annotated[
+        bool | None,
+        typer.Option("--deleted/--restored", help="Leave it out of lists; its samples stay."),
+    ] = None,
+    author: Annotated[
+        str | None, typer.Option(envvar="CAESURA_AUTHOR", help="Whose change; by default the login's.")
+    ] = None,
+    endpoint: Connect = None,
+    config: Config = None,
+) -> None:
+    """Change what is stated about a session, open or closed; what is not named stays."""
+    given = {
+        "task": stated.task,
+        "operator": stated.operator,
+        "note": stated.note,
+        "tags": None if stated.tag is None else tuple(stated.tag),
+        "success": None if success is None else success == "yes",
+        "deleted": deleted,
+    }
+    changes = {name: value for name, value in given.items() if value is not None}
+    if not changes:
+        raise typer.BadParameter("nothing to change: name --task, --note, --tag, --success or another")
+    with reported():
+        named(station)
+        with connected(endpoint, config) as caesura:
+            demonstration_control.describe(
+                caesura.transport, station, session, author=author or getpass.getuser(), **changes
+            )
+    typer.echo(f"{station}/{session}: {', '.join(changes)} changed")
+
+
+def stand_by(
+    caesura: Caesura,
+    station: str,
+    open_source: Callable[[], AbstractContextManager[Source]],
+    *,
+    source: str,
+    preset: str | None,
+    settings: BridgeSettings,
+    released_s: float | None = None,
+) -> None:
+    """Serve starts and stops until Ctrl-C or SIGTERM; a second signal ends it at once.
+
+    released_s: as in `Standby`.
+    """
+    standby = Standby(
+        caesura.transport,
+        station,
+        open_source,
+        source_name=source,
+        preset=preset,
+        settings=settings,
+        say=_StatusPrinter(),
+        released_s=released_s,
+    )
+    with _ended_by_signals(standby):
+        standby.run()
+
+
+@contextmanager
+def _ended_by_signals(standby: Standby) -> Iterator[None]:
+    def end(number: int, _frame: object) -> None:
+        signal.signal(number, signal.default_int_handler)
+        standby.end()
+
+    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class _StatusPrinter:
+    """Prints a line for each state of a bridge, and the outcome of each session."""
+
+    def __init__(self) -> None:
+        self._line = ""
+        self._outcome: tuple[str | None, str | None] = (None, None)
+
+    def __call__(self, status: BridgeStatus) -> None:
+        if (status.last_session, status.outcome) != self._outcome:
+            self._outcome = (status.last_session, status.outcome)
+            typer.echo(f"{status.station}/{status.last_session} {status.outcome}")
+        what = "; ".join(filter(None, (status.session, status.problem))) or "waits for a start"
+        line = f"{status.station} {status.state}: {what}"
+        if line != self._line:
+            self._line = line
+            typer.echo(line, err=True)

@@ -1,0 +1,141 @@
+"""Sends corrections from the browser to the service.
+
+Requests of a browser are not trusted: each is validated as an `Edit`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any, TypeVar
+
+from pydantic import Field, TypeAdapter, ValidationError
+
+from caesura_clients.correction_words import effect_words, relabel_doubt
+from caesura_clients.refusal_words import Refused, refusal_words
+from caesura_clients.session_corrections import send
+from caesura_protocol.errors import CaesuraError, ProtocolError
+from caesura_protocol.messages import Ack, Action, Edit, LimitForce, Preview, Since
+from caesura_protocol.session_time_display import NO_OFFSET, SessionClock
+from caesura_protocol.transport.transport_interface import Transport
+from caesura_protocol.validation_words import first_finding
+
+M = TypeVar("M", Edit, Preview)
+Request = Mapping[str, Any]
+Corrector = Callable[[str, Edit | Preview], Ack]  # station, what is asked; raises ProtocolError, CaesuraError
+
+_ACTION: TypeAdapter[Action] = TypeAdapter(Action)
+_ASKED: TypeAdapter[Action | Since] = TypeAdapter(Annotated[Action | Since, Field(discriminator="do")])
+
+
+class EditRefused(Exception):  # noqa: N818 - the service refused; nothing failed here
+    """A correction was not made; the text states why, for an operator."""
+
+
+def corrector(transport: Transport) -> Corrector:
+    """Return a function that sends a correction to the service that owns the station."""
+    return lambda station, edit: send(transport, station, edit)
+
+
+def correct(ask: Corrector, station: str, request: Request, clock: SessionClock = NO_OFFSET) -> str:
+    """Apply the correction that a browser requests; return a sentence on it. Raises EditRefused.
+
+    clock: of the session, for the sentence.
+    """
+    edit = parse(request)
+    try:
+        ask(station, edit)
+    except ProtocolError as error:
+        raise EditRefused(said(error, edit.action, clock)) from error
+    except CaesuraError as error:
+        raise EditRefused(clock.text(f"Not done: {error}")) from error
+    return done(edit.action, clock)
+
+
+def preview(
+    ask: Corrector, station: str, request: Request, clock: SessionClock = NO_OFFSET
+) -> dict[str, Any]:
+    """Return the effect of a correction, or of all since one, as text and rows of segments [s].
+
+    `span` [s] is their extent in time. For a correction that would be refused: the reason, and no row. clock:
+    of the session, for the text.
+    """
+    try:
+        asked = parse_preview(request)
+    except EditRefused as error:
+        return _no_effect(str(error))
+    try:
+        effect = ask(station, asked).effect
+    except ProtocolError as error:
+        return _no_effect(said(error, asked.action, clock))
+    except CaesuraError as error:
+        return _no_effect(clock.text(f"Not done: {error}"))
+    if effect is None:
+        return _no_effect("The service states no effect.")
+    both = (*effect.segments_before, *effect.segments_after)
+    is_past = isinstance(asked.action, Since)  # the band shows what is not there
+    segments = effect.segments_before if is_past else effect.segments_after
+    shown = () if effect.more else segments  # of a part of them the span is not known
+    return {
+        "lead": "Changed" if is_past else "Preview",
+        "words": [*effect_words(effect, clock), *filter(None, [relabel_doubt(asked.action, effect)])],
+        "rows": [[round(one.t0, 3), round(one.tn, 3), one.kind] for one in shown],
+        "span": [min(one.t0 for one in both), max(one.tn for one in both)] if both else [0.0, 0.0],
+        "failed": False,
+    }
+
+
+def _no_effect(why: str) -> dict[str, Any]:
+    return {"words": [why], "rows": [], "span": [0.0, 0.0], "failed": True}
+
+
+def parse(request: Request) -> Edit:
+    """Return the edit of a browser's request, checked. Raises EditRefused.
+
+    request: {do, t, …, session, revision, author}.
+    """
+    return _parsed(Edit, _ACTION, request, ("session", "revision", "author"))
+
+
+def parse_preview(request: Request) -> Preview:
+    """Return the preview of a browser's request, checked; it has no author. Raises EditRefused."""
+    return _parsed(Preview, _ASKED, request, ("session", "revision"))
+
+
+def _parsed(model: type[M], action: TypeAdapter[Any], request: Request, names: Sequence[str]) -> M:
+    common = {name: request.get(name) for name in names}
+    own = {name: value for name, value in request.items() if name not in common}
+    try:
+        return model.model_validate({**common, "action": action.validate_python(own)})
+    except ValidationError as error:
+        raise EditRefused(f"Not done: {first_finding(error)}") from error
+
+
+def said(error: ProtocolError, action: Refused | None = None, clock: SessionClock = NO_OFFSET) -> str:
+    """Return a refusal as a sentence for an operator. action: the refused one; clock: of its session."""
+    return f"Not done: {refusal_words(error, action, clock)}."
+
+
+def done(action: Action, clock: SessionClock = NO_OFFSET) -> str:
+    """Return a sentence on an applied action. clock: of the session."""
+    if _unlimits(action):
+        return "The limit is gone."
+    values = action.model_dump()
+    times = {name: clock.shown(values[name]) for name in ("t", "to") if name in values}
+    return _DONE[action.do].format(**(values | times))
+
+
+def _unlimits(action: Action) -> bool:
+    return isinstance(action, LimitForce) and action.newton is None
+
+
+_DONE: Mapping[str, str] = {
+    "insert": "Changepoint inserted at {t} s.",
+    "remove": "Changepoint at {t} s removed.",
+    "move": "Changepoint moved from {t} s to {to} s.",
+    "relabel": "The segment at {t} s is {kind}.",
+    "limit_force": "The force at {t} s is limited to {newton:g} N.",
+    "name_phase": "The phase at {t} s is called {name}.",
+    "undo": "Undone.",
+    "take_back": "Correction {number} is taken back.",
+    "redo": "Done again.",
+}

@@ -1,0 +1,101 @@
+"""A program at another speed: by a factor, or with movements that another package has timed.
+
+Rules: only movements in free space and movements that carry are re-timed, along the same path. Presses,
+slides, turns, holds and gripper actions keep their taught times.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping
+from types import MappingProxyType
+
+import numpy as np
+
+from caesura_protocol.errors import CaesuraError
+from caesura_protocol.messages import LEAST_SPEED, MOST_SPEED
+from caesura_protocol.programs.app_time_shifts import SHIFT_S, earlier, may_retime, scaled
+from caesura_protocol.programs.document import ProgramFile, ProgramStep
+from caesura_protocol.programs.document_timing import ProgramTiming, Speed
+
+UNITS: Mapping[str, str] = MappingProxyType(
+    {
+        "path": "as target and orientation; its times are those of the program",
+        "time": "s of the program as it is timed",
+    }
+)
+
+
+def factor_of(text: str) -> float:
+    """Return the factor of the taught speed in a text. Raises CaesuraError if it is out of its range."""
+    try:
+        factor = float(text)
+    except ValueError:
+        factor = math.nan
+    if not LEAST_SPEED <= factor <= MOST_SPEED:
+        expected = f"taught, optimal or a factor from {LEAST_SPEED:g} to {MOST_SPEED:g}"
+        raise CaesuraError(f"speed {text!r:.80} is not possible, expected {expected}")
+    return factor
+
+
+def at_factor(program: ProgramFile, factor: float, keeps_pause: Collection[int] = ()) -> ProgramFile:
+    """Return the program with its movements at a factor of the taught speed, and its taught pauses.
+
+    Raises CaesuraError as `retimed`.
+    """
+    steps = {index: scaled(app, factor) for index, app in enumerate(program.apps) if may_retime(app)}
+    return retimed(program, steps, factor, lambda _, taught_s: taught_s, keeps_pause)
+
+
+def retimed(
+    program: ProgramFile,
+    steps: Mapping[int, ProgramStep],
+    speed: Speed,
+    pause_s: Callable[[int, float], float],
+    keeps_pause: Collection[int] = (),
+) -> ProgramFile:
+    """Return the program with some apps replaced, and the times of the others shifted.
+
+    steps: by number of the app, each from its taught `t0` on; pause_s: the pause [s] before an app, by the
+    app's number and the taught pause [s]; keeps_pause: apps before which the taught one is kept. Raises
+    CaesuraError for a program that is re-timed already, and for a pause that does not exist.
+    """
+    _check(program, keeps_pause)
+    made: list[ProgramStep] = []
+    for index, app in enumerate(program.apps):
+        t0 = app.t0
+        if made:
+            taught_s = max(app.t0 - program.apps[index - 1].tn, 0.0)
+            t0 = made[-1].tn + (taught_s if index in keeps_pause else pause_s(index, taught_s))
+        made.append(earlier(steps.get(index, app), math.floor((app.t0 - t0) / SHIFT_S) * SHIFT_S))
+    taught_t = [t for app in program.apps for t in (app.t0, app.tn)]
+    new_t = [t for app in made for t in (app.t0, app.tn)]
+
+    def when(t: float) -> float:
+        """Return the time [s] in the re-timed program that belongs to a taught time [s]."""
+        if not taught_t or t <= taught_t[0]:
+            return t
+        return float(np.interp(t, taught_t, new_t)) + max(t - taught_t[-1], 0.0)
+
+    timing = ProgramTiming(
+        speed=speed,
+        retimed=tuple(sorted(steps)),
+        keeps_pause=tuple(sorted(keeps_pause)),
+        taught_s=taught_t[-1] - taught_t[0] if taught_t else 0.0,
+        seconds=new_t[-1] - new_t[0] if new_t else 0.0,
+    )
+    gaps = [gap.model_copy(update={"t0": when(gap.t0), "tn": when(gap.tn)}) for gap in program.gaps]
+    update = {"apps": tuple(made), "gaps": tuple(gaps), "t": when(program.t), "timing": timing}
+    return program.model_copy(update=update | {"units": {**program.units, **UNITS}})
+
+
+def _check(program: ProgramFile, keeps_pause: Collection[int]) -> None:
+    if program.timing is not None:
+        raise CaesuraError(
+            f"{program.station}/{program.session} is re-timed already (speed {program.timing.speed}): "
+            "begin with the program as it was taught"
+        )
+    for index in keeps_pause:
+        if not 0 < index < len(program.apps):
+            last = len(program.apps)
+            raise CaesuraError(f"there is no pause before app {index + 1}, expected an app from 2 to {last}")

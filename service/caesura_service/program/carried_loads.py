@@ -1,0 +1,141 @@
+"""The loads that the robot carries or holds.
+
+- A released object is not carried, nor is anything in closed fingers, nor a weight that appears in the air.
+  An object in the fingers is carried, and so is a load that only hangs on the robot.
+- An object that still stands where it was gripped is not held yet.
+- A carry, or a movement in the air, with a negligible displacement is a rest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from operator import mul
+
+import numpy as np
+
+from caesura_protocol.messages import Vector
+from caesura_protocol.programs.program_gripper import SURE_SDS
+from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
+from caesura_protocol.rotations import angle_between
+from caesura_service.constants import GRAVITY
+from caesura_service.program.joined_strokes import LEAST_TURN_RAD, NOWHERE_M, OUT_M
+from caesura_service.program.program_segment import (
+    KINDS,
+    Context,
+    ProgramSegment,
+    holds,
+    joined_where,
+    length,
+    observed,
+)
+
+HANGING_N, HANGING_ASIDE, HANGING_SD_N = 1.5, 0.6, 1.0  # a load's weight, what is aside of it, its error
+NOWHERE = {  # how far [m] and by how much [rad] a step leads at least, by kind; of a turn, a check names more
+    "transport": (NOWHERE_M, LEAST_TURN_RAD),
+    "turning": (OUT_M, math.radians(3.0)),
+    "motion": (TOLERANCE_M, TOLERANCE_RAD),
+}
+STANDS_S = 1.0  # a load that rests for longer where it was gripped is held there on purpose
+SHUT_M = 0.003  # between fingers that hold nothing
+
+
+def in_hand(step: ProgramSegment, from_air: bool, context: Context) -> ProgramSegment:
+    """Return a step as a carry if the fingers hold something, however light; as free if they do not.
+
+    A contact stays as it is. Without a grip event, a carry is free where nothing was picked up, where the
+    fingers are shut, or where its load may be 0. from_air: as `is_from_air`.
+    """
+    segment = step.segment
+    if segment.contact == "free":
+        return step.read_as("transport") if holds(step, context.grips) else step
+    if segment.contact != "transport":
+        return step
+    carried, kg, sd_kg = holds(step, context.grips), segment.load_kg, segment.load_sd_kg
+    if carried is None:
+        width_m = context.moment_at(0.5 * (segment.t0 + segment.tn)).gripper_width
+        carried = False if from_air or (width_m is not None and width_m <= SHUT_M) else None
+    if carried is None:
+        carried = kg is None or kg > SURE_SDS * (sd_kg or 0.0)
+    return step if carried else step.read_as("free")
+
+
+def is_from_air(kept: Sequence[ProgramSegment], touched: int) -> bool:
+    """Whether nothing was picked up: the last movement carried nothing, and nothing was touched since.
+
+    touched: index of the last step in contact.
+    """
+    moved = (step for step in reversed(kept) if step.touches or step.segment.motion == "motion")
+    last = next(moved, None)
+    return last is not None and last.segment.contact == "free" and touched < last.index
+
+
+def hanging(step: ProgramSegment, context: Context) -> ProgramSegment:
+    """Return a step in contact as a carry with its load, where its force hangs on the robot.
+
+    A rest is one only with something in hand. A surface pushes back; only a load pulls straight down.
+    """
+    if not step.touches or not hangs(step.segment.force, context.up):
+        return step
+    if step.segment.kind == "contact" and not holds(step, context.grips):
+        return step
+    down = _down(step.segment.force, context.up)
+    return step.read_as("transport", load_kg=down / GRAVITY, load_sd_kg=HANGING_SD_N / GRAVITY)
+
+
+def hangs(force: Vector, up: Vector) -> bool:
+    """Whether a force [N] pulls straight down on the robot, as a load does; up: of length 1."""
+    (x, y, z), (ux, uy, uz), down = force, up, _down(force, up)
+    aside = length((x + down * ux, y + down * uy, z + down * uz))
+    return down >= HANGING_N and aside <= HANGING_ASIDE * down
+
+
+def _down(force: Vector, up: Vector) -> float:
+    """Return the component [N] of a force against `up`."""
+    against: float = -sum(map(mul, force, up))
+    return against
+
+
+def resting(step: ProgramSegment, context: Context) -> ProgramSegment:
+    """Return a movement in the air, or a carry in the fingers, as a rest if its displacement is negligible.
+
+    A person and a robot differ in such movements. The omitted turn is below the limit of the check, and the
+    omitted displacement below the tolerance of a path. A carry that no grip confirms is unchanged.
+    """
+    segment = step.segment
+    is_carried = segment.contact == "transport" and bool(holds(step, context.grips))
+    if segment.corrected or segment.motion == "steady" or not (is_carried or segment.contact == "free"):
+        return step
+    if length(step.moved) >= NOWHERE_M:  # as most do: what was seen in between need not be looked at
+        return step
+    seen = [context.moment_at(t) for t in observed(segment.t0, segment.tn)]
+    way = max(length(np.subtract(one.position, seen[0].position)) for one in seen)
+    turns = [one.orientation for one in seen if one.orientation is not None]
+    most_m, most_rad = NOWHERE["transport" if is_carried else segment.kind]
+    if way >= most_m or (turns and max(angle_between(one, turns[0]) for one in turns) >= most_rad):
+        return step
+    kind = KINDS["steady", segment.contact]
+    still: dict[str, object] = {"kind": kind, "motion": "steady", "turn": None, "screw": None}
+    return replace(step, segment=segment.model_copy(update=still))
+
+
+def is_not_yet_held(last: ProgramSegment | None, step: ProgramSegment) -> bool:
+    """Whether a step seems to hold a load that still stands where the contact before it was.
+
+    A hold of `STANDS_S` or longer is one on purpose. last: the contact, or else the step kept, before it;
+    None without one.
+    """
+    if last is None or not last.touches or not _is_hold(step) or step.lasts(STANDS_S):
+        return False
+    return length(np.subtract(step.segment.position_end, last.segment.position_end)) < OUT_M
+
+
+def as_one_hold(kept: Sequence[ProgramSegment], _context: Context) -> list[ProgramSegment]:
+    """Return the steps; holds that follow each other at once are joined."""
+    return joined_where(kept, lambda one, two: _is_hold(one) and _is_hold(two))
+
+
+def _is_hold(step: ProgramSegment) -> bool:
+    """Return whether a step is a hold whose kind no operator has set."""
+    return step.segment.kind == "hold" and not step.segment.corrected

@@ -1,0 +1,505 @@
+"""The parts of a stroke, and the force with which it is pressed.
+
+- A rest at either end of a stroke or of a turn in contact is part of it. It has a force of its own if it
+  lasts for half a second. A rest with another force before or after it is a press of its own.
+- A short slide or a tilt beside a stroke is an end of it, if it has the stroke's force.
+- The last centimetres before a contact are the end of the movement into it, the last one before a rest too.
+- A turn in contact that continues about its axis without a stop is one turn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from itertools import dropwhile, groupby, pairwise, takewhile, zip_longest
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.messages import ScrewMotion, Segment, Vector
+from caesura_protocol.rotations import angle_between, matrix_of
+from caesura_protocol.screw_torque_and_text import exerted, stop_torque_nm, torque_about_axis
+from caesura_service.constants import HANDS_BREADTH_M, TURN_SHARE
+from caesura_service.program.program_segment import (
+    OBSERVED_S,
+    PUSHES_BACK_N,
+    ROUNDED_S,
+    STOPS_SHARE,
+    UNLIKE_N,
+    Context,
+    Moment,
+    MomentAt,
+    ProgramSegment,
+    joined_where,
+    length,
+    medians,
+    observed,
+    slows_at,
+)
+
+NOWHERE_M = 0.01  # a movement shorter than this leads nowhere
+DECAY_REACH_M = 0.02  # a movement shorter than this beside a contact may belong to it
+APPROACH_REST_S = 0.3  # a movement that stands for less before its last centimetres goes on
+INSERTED_M = 0.01  # from which depth on what is pushed in is an app of its own
+SAME_SIDE = 0.5  # cosine between two forces; friction tilts that of a stroke, and a bias a weak one
+PRESS_LOOKS = 100  # observations of a press that are looked at
+PRESS_SHARE = 0.7  # of the largest force of a stroke, from which on it is pressed: as of a segment
+SAME_AXIS = 0.9  # cosine between two turns that are one
+LEAST_TURN_RAD = 0.1  # a turn by less is a rest: it has no screw motion
+TILT_COSINE = 0.7  # of the angle between the tool and the axis of a turn: 45 degrees
+TIP_REACH_M = 0.2  # from the reported point to the tip of a tool
+STROKE_REST_S = 0.5  # a rest at either end of a stroke that is shorter than this has no force of its own
+OUT_M, OUT_SHARE = 0.005, 0.3  # from which on a movement leaves a contact; friction tilts a force less
+
+
+def with_last_ways(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
+    """Return the steps; the last movement into a contact, or to a rest, is part of the movement before it."""
+    joined: list[ProgramSegment] = []
+    for step, following in zip_longest(steps, steps[1:]):
+        last = joined[-1] if joined else None
+        if last is None or not _ends(last, step, following) or context.fingers_move(last.tn, step.segment.t0):
+            joined.append(step)
+            continue
+        joined[-1] = step.joined_to(last)
+    return joined
+
+
+def with_whole_turns(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
+    """Return the steps; parts of a turn that continues about its axis without a stop are joined."""
+    return joined_where(steps, lambda turn, step: _turns_on(turn, step, context.moment_at), _one_turn)
+
+
+def with_ends(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
+    """Return the steps; short slides and tilts beside a stroke are ends of it, with one path.
+
+    The segmentation may divide such an end from its stroke or not, and differs between a person and a robot.
+    """
+    joined: list[ProgramSegment] = []
+    for step in steps:
+        parts, stroke = _one_with(step, joined, context)
+        if len(parts) > 1 and _are_one(parts, stroke, context.moment_at):
+            joined[len(joined) - len(parts) + 1 :] = [_one_way(parts)]
+        else:
+            joined.append(step)
+    return joined
+
+
+def _one_with(
+    step: ProgramSegment, before: Sequence[ProgramSegment], context: Context
+) -> tuple[list[ProgramSegment], ProgramSegment]:
+    """Return the steps that may be one stroke with `step`, in time order, and the stroke among them.
+
+    Without such steps, return `step` alone, as the stroke.
+    """
+    if _is_end(step, context):
+        rests = _length_of(before, lambda one: _rests(one, context))
+        parts = [*before[-rests - 1 :], step]
+        stroke = parts[0]
+        if rests < len(before) and _has_ends(stroke, context.moment_at) and not _is_end(stroke, context):
+            return parts, stroke
+    elif _has_ends(step, context.moment_at):
+        lead = _length_of(before, lambda one: _rests(one, context) or _is_end(one, context))
+        return [*dropwhile(lambda one: _rests(one, context), before[len(before) - lead :]), step], step
+    return [step], step
+
+
+def with_rests(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
+    """Return the steps, each stroke with the rests at its ends.
+
+    Rests between two strokes end the first, unless they are pressed as the second is and not as the first.
+    """
+    joined: list[ProgramSegment] = []
+    begins: tuple[ProgramSegment, ...] = ()
+    moment_at = context.moment_at
+    runs = [
+        (rests, level)
+        for rests, run in groupby(steps, key=lambda step: _rests(step, context))
+        for level in (_levels(run, moment_at) if rests else [tuple(run)])
+    ]
+    for (rests, run), (_, following) in zip_longest(runs, runs[1:], fillvalue=(False, ())):
+        last = joined[-1] if joined else None
+        presses = last is not None and last.touches and not _is_stroke(last)
+        pressed = last is not None and presses and not only_touches(last, moment_at)
+        ends = last is not None and not last.rests_after and _goes_on(last, run[0])
+        leads = rests and _leads_to(run, following, moment_at)
+        ends = ends and rests and last is not None and _belong(run, last, moment_at)
+        if ends and last is not None and not (leads and _is_begun(run, last, following[0], moment_at)):
+            joined[-1] = replace(last, rests_after=run)
+        elif leads and not pressed:
+            begins = run
+        else:
+            joined += (replace(run[0], rests_before=begins), *run[1:])
+            begins = ()
+    return joined
+
+
+def stroke_force(stroke: ProgramSegment, moment_at: MomentAt) -> Vector | None:
+    """Return the median force (3,) [N] with which a stroke is pressed; None where nothing pushes back.
+
+    Touching and letting go are left out, as in the force of a segment. The median is taken in the tool's
+    axes, because a force turns with the tool along a surface.
+    """
+    turn, force = _median(_felt([stroke], moment_at), PRESS_SHARE)
+    return None if force is None else tuple((turn @ force).tolist())
+
+
+def rest_force_n(rests: Sequence[ProgramSegment], moment_at: MomentAt) -> float | None:
+    """Return the median force [N] with which rests are pressed; None for less than `STROKE_REST_S`.
+
+    In a shorter time the force still rises. It is one median over all rests, so it does not depend on how
+    they are divided. If that force pushes back, the time before the touch is left out.
+    """
+    return _rest_force_n(rests, _felt(rests, moment_at))
+
+
+def stands(step: ProgramSegment) -> bool:
+    """Return whether a step is a turn in contact that is so small that it counts as a rest."""
+    segment = step.segment
+    still = segment.turn is not None and length(segment.turn) < LEAST_TURN_RAD
+    return segment.kind == "turning" and step.touches and still and length(step.moved) < INSERTED_M
+
+
+def only_touches(step: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Return whether a step ends in a contact and presses for less than a rest with a force of its own."""
+    if not step.arrives:
+        return False
+    pushes = np.count_nonzero(_felt([step], moment_at).n >= PUSHES_BACK_N)
+    return bool(OBSERVED_S * pushes < STROKE_REST_S - ROUNDED_S)
+
+
+def may_end_movement(step: ProgramSegment) -> bool:
+    """Return whether a movement is shorter than `DECAY_REACH_M`: it may be the end of another at a
+    contact.
+    """
+    return length(step.moved) < DECAY_REACH_M
+
+
+class _Felt(NamedTuple):
+    """The forces on the robot at k times, in the axes of the tool."""
+
+    axes: NDArray[np.float64]  # (k, 3, 3) of the tool, in the base frame
+    force: NDArray[np.float64]  # (k, 3) [N] in them
+    n: NDArray[np.float64]  # (k,) [N] its length
+
+    def and_then(self, following: _Felt) -> _Felt:
+        """Return these forces, followed by those at later times."""
+        return _Felt(*map(np.concatenate, zip(self, following, strict=True)))
+
+
+NOTHING_FELT = _Felt(np.empty((0, 3, 3)), np.empty((0, 3)), np.empty(0))
+
+
+def _felt(steps: Sequence[ProgramSegment], moment_at: MomentAt) -> _Felt:
+    """Return the known forces of steps, less their bases."""
+    seen = [(moment_at(t), step.base) for step in steps for t in _looks(step.segment)]
+    known = [(moment, np.subtract(moment.force, base)) for moment, base in seen if moment.force is not None]
+    if not known:
+        return NOTHING_FELT
+    axes = [_axes(moment) for moment, _ in known]
+    in_tool = [force @ turn for turn, (_, force) in zip(axes, known, strict=True)]
+    return _Felt(np.array(axes), np.array(in_tool), np.array([length(force.tolist()) for _, force in known]))
+
+
+def _force(steps: Sequence[ProgramSegment], moment_at: MomentAt) -> NDArray[np.float64] | None:
+    """Return the median force (3,) [N] in the tool's axes while something pushes back, or None."""
+    return _median(_felt(steps, moment_at))[1]
+
+
+def _median(
+    felt: _Felt, share: float = 0.0, *, least_n: float = PUSHES_BACK_N
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """Return the tool's axes (3, 3) halfway, and the median force (3,) [N] in them; None without a force.
+
+    A force below `least_n` [N], or below a share of the force that a tenth of the time exceeds, is left out.
+    """
+    if share > 0.0 and felt.n.size:
+        least_n = max(share * float(np.quantile(felt.n, 0.9)), least_n)
+    pressed = np.flatnonzero(felt.n >= least_n)
+    if not pressed.size:
+        return np.eye(3), None
+    return felt.axes[pressed[pressed.size // 2]], medians(felt.force[pressed])
+
+
+def _rest_force_n(rests: Sequence[ProgramSegment], felt: _Felt) -> float | None:
+    """Return `rest_force_n` of rests, computed from their forces `felt`."""
+    if not rests or rests[-1].segment.tn - rests[0].segment.t0 < STROKE_REST_S - ROUNDED_S:
+        return None
+    _, force = _median(felt, least_n=0.0)
+    if force is not None and length(force) >= PUSHES_BACK_N:
+        _, force = _median(felt)
+    return None if force is None else length(force)
+
+
+def _looks(segment: Segment) -> list[float]:
+    """Return the times [s] of a segment's observations, evenly decimated to at most `PRESS_LOOKS`."""
+    times = observed(segment.t0, segment.tn)
+    return times[:: -(-len(times) // PRESS_LOOKS)]
+
+
+def _axes(moment: Moment) -> NDArray[np.float64]:
+    """Return the tool's axes (3, 3) in the base frame; those of the base without an orientation."""
+    return np.eye(3) if moment.orientation is None else matrix_of(moment.orientation)
+
+
+def _ends(movement: ProgramSegment, step: ProgramSegment, following: ProgramSegment | None) -> bool:
+    """Whether a step is the end of a movement: short, of the same kind, and without a rest between them.
+
+    A step before another movement in the air is not its end. following: None after the last step.
+    """
+    touches = following is not None and following.touches
+    if following is not None and following.segment.motion == "motion" and not touches:
+        return False
+    short = may_end_movement(step) if touches else length(step.moved) < NOWHERE_M
+    return short and is_directly_before(movement, step)
+
+
+def is_directly_before(movement: ProgramSegment, step: ProgramSegment) -> bool:
+    """Whether a movement in the air goes on in another of its kind, without a rest between the two."""
+    at_once = step.segment.t0 - movement.segment.tn < APPROACH_REST_S - ROUNDED_S and _goes_on(movement, step)
+    return are_one_kind(movement, step) and at_once
+
+
+def are_one_kind(movement: ProgramSegment, other: ProgramSegment) -> bool:
+    """Return whether both are movements in the air of one kind, whose kind no operator has set."""
+    one, two = movement.segment, other.segment
+    same = two.kind in ("motion", "transport") and one.kind == two.kind and one.contact == two.contact
+    return same and not (one.corrected or two.corrected)
+
+
+def _rests(step: ProgramSegment, context: Context) -> bool:
+    """Whether a step rests in contact while the fingers do not move.
+
+    A slide that only pushes in by less than `INSERTED_M`, and a turn that stands, are rests too.
+    """
+    segment = step.segment
+    pushes = segment.kind == "sliding" and step.gives_way and length(step.moved) < INSERTED_M
+    if segment.corrected or not (segment.kind == "contact" or pushes or stands(step)):
+        return False
+    return not context.fingers_move(segment.t0, segment.tn)
+
+
+def _belong(rests: Sequence[ProgramSegment], stroke: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Return whether `stroke` is a stroke, and the rests beside it press to the same side of the tool."""
+    if not _is_stroke(stroke):
+        return False
+    return _same_side(_force(rests, moment_at), _force([stroke], moment_at))
+
+
+def _leads_to(
+    rests: Sequence[ProgramSegment], following: Sequence[ProgramSegment], moment_at: MomentAt
+) -> bool:
+    """Return whether rests belong to the following stroke; False without one."""
+    return bool(following) and _goes_on(rests[-1], following[0]) and _belong(rests, following[0], moment_at)
+
+
+def _is_begun(
+    rests: Sequence[ProgramSegment], last: ProgramSegment, following: ProgramSegment, moment_at: MomentAt
+) -> bool:
+    """Return whether rests between two strokes have the force of the second, and not of the first."""
+    level_n = _level_n(rests, _felt(rests, moment_at))
+    ended, begun = (stroke_force(one, moment_at) for one in (last, following))
+    if level_n is None or ended is None or begun is None:
+        return False
+    return abs(level_n - length(begun)) < UNLIKE_N <= abs(level_n - length(ended))
+
+
+def _length_of(steps: Sequence[ProgramSegment], belongs: Callable[[ProgramSegment], bool]) -> int:
+    """Return the number of steps in a row at the end for which `belongs` holds."""
+    return len(list(takewhile(belongs, reversed(steps))))
+
+
+def _levels(run: Iterable[ProgramSegment], moment_at: MomentAt) -> list[tuple[ProgramSegment, ...]]:
+    """Return consecutive rests, divided where a lasting one has another force than those before it."""
+    levels: list[tuple[ProgramSegment, ...]] = []
+    before = NOTHING_FELT
+    for rest in run:
+        felt = _felt([rest], moment_at)
+        here = _level_n([rest], felt)
+        there = _level_n(levels[-1], before) if levels and here is not None else None
+        if levels and (here is None or there is None or abs(here - there) < UNLIKE_N):
+            levels[-1] += (rest,)
+            before = before.and_then(felt)
+        else:
+            levels.append((rest,))
+            before = felt
+    return levels
+
+
+def _level_n(rests: Sequence[ProgramSegment], felt: _Felt) -> float | None:
+    """Return the force [N] of rests once it has risen; None as `rest_force_n`, 0 without a push."""
+    if _rest_force_n(rests, felt) is None:
+        return None
+    _, force = _median(felt, PRESS_SHARE)
+    return 0.0 if force is None else length(force)
+
+
+def _are_one(parts: Sequence[ProgramSegment], stroke: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Return whether the tool stays in contact over all parts, and each has the force of the stroke among
+    them.
+    """
+    others = [part for part in parts if part is not stroke]
+    stay = all(_stays(one, other) for one, other in pairwise(parts))
+    return stay and all(_pressed_as(part, stroke, moment_at) for part in others)
+
+
+def _pressed_as(part: ProgramSegment, stroke: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Return whether a part presses to the same side of the tool as a stroke, with about its force.
+
+    The force of a short rest is not compared.
+    """
+    here = _force([part], moment_at)
+    _, there = _median(_felt([stroke], moment_at), PRESS_SHARE)
+    rest_n = rest_force_n([part], moment_at)
+    rests = part.segment.motion == "steady"
+    if rests and rest_n is not None:
+        near = there is None or abs(rest_n - length(there)) < UNLIKE_N
+    else:
+        near = rests or here is None or there is None or abs(length(here) - length(there)) < UNLIKE_N
+    return near and _same_side(here, there)
+
+
+def _same_side(here: NDArray[np.float64] | None, there: NDArray[np.float64] | None) -> bool:
+    """Whether two forces in the tool's axes press to the same side; True where one of them is None."""
+    return here is None or there is None or float(here @ there) >= SAME_SIDE * length(here) * length(there)
+
+
+def _one_way(parts: Sequence[ProgramSegment]) -> ProgramSegment:
+    """Return a stroke, its ends, and the rests between them as one step in contact."""
+    first, last = parts[0], parts[-1]
+    whole = {
+        "kind": "turning",
+        "turn": None,
+        "screw": None,
+        "t0": first.segment.t0,
+        "position_start": first.segment.position_start,
+    }
+    before = tuple(one for part in parts[:-1] for one in part.parts)
+    return replace(last, segment=last.segment.model_copy(update=whole), approach=(*before, *last.approach))
+
+
+def _turns_on(turn: ProgramSegment, step: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Return whether a turn continues in a step about the same axis, without a stop.
+
+    In contact, it must also press in the same way (`_pressed_as`).
+    """
+    one, two = turn.segment, step.segment
+    named = one.corrected or two.corrected or step.is_set_apart
+    if named or not one.kind == two.kind == "turning" or one.contact != two.contact:
+        return False
+    if one.turn is None or two.turn is None or step.index != turn.index + 1:
+        return False
+    about_one_axis = float(np.dot(one.turn, two.turn)) >= SAME_AXIS * length(one.turn) * length(two.turn)
+    as_hard = not turn.touches or _pressed_as(turn, step, moment_at)
+    return about_one_axis and as_hard and not _stops_between(turn, step, moment_at)
+
+
+def _stops_between(turn: ProgramSegment, following: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Whether the speed between two turns falls to `STOPS_SHARE` of the lesser of their peaks.
+
+    True where an orientation is not known.
+    """
+    before, after = (observed(step.segment.t0, step.segment.tn) for step in (turn, following))
+    seen = [moment_at(t).orientation for t in (*before, *after)]
+    turned = [angle_between(a, b) for a, b in pairwise(seen) if a is not None and b is not None]
+    if len(turned) < len(seen) - 1:
+        return True
+    return slows_at(turned, len(before) - 1, STOPS_SHARE)
+
+
+def _one_turn(turn: ProgramSegment, following: ProgramSegment) -> ProgramSegment:
+    """Return two parts of a divided turn as one."""
+    whole, one, two = following.joined_to(turn), turn.segment, following.segment
+    angle = None if one.turn is None or two.turn is None else tuple(np.add(one.turn, two.turn).tolist())
+    screw = _one_screw(one.screw, two.screw)
+    return replace(whole, segment=whole.segment.model_copy(update={"turn": angle, "screw": screw}))
+
+
+def _one_screw(one: ScrewMotion | None, two: ScrewMotion | None) -> ScrewMotion | None:
+    """Return the screw motion of a divided turn, with the larger torque of the two.
+
+    None where one is unknown. The advance of each part counts by its angle.
+    """
+    if one is None or two is None:
+        return None
+    share = one.angle / (one.angle + two.angle)
+    hardest = max((one, two), key=lambda part: abs(torque_about_axis(part) or 0.0))
+    whole = {
+        "angle": one.angle + two.angle,
+        "point": one.point,
+        "pitch_m": share * one.pitch_m + (1.0 - share) * two.pitch_m,
+        "pitch_sd_m": math.hypot(share * one.pitch_sd_m, (1.0 - share) * two.pitch_sd_m),
+        "torque": hardest.torque,
+    }
+    return two.model_copy(update=whole)
+
+
+def _is_end(step: ProgramSegment, context: Context) -> bool:
+    """Whether a step may be the end of a stroke: a tilt in contact, or a slide below `DECAY_REACH_M`."""
+    segment = step.segment
+    if segment.corrected or context.fingers_move(segment.t0, segment.tn):
+        return False
+    slides = segment.kind == "sliding" and not _rests(step, context) and abs(step.pushed_in) < INSERTED_M
+    return (slides and length(step.moved) < DECAY_REACH_M) or _is_tilt(step, context.moment_at)
+
+
+def _has_ends(step: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Return whether a step is a stroke that may have ends: no driven screw, and no kind set by an
+    operator.
+    """
+    segment = step.segment
+    driven = segment.kind == "turning" and segment.turn is not None and not _is_tilt(step, moment_at)
+    return _is_stroke(step) and not segment.corrected and not driven
+
+
+def _stays(one: ProgramSegment, following: ProgramSegment) -> bool:
+    """Whether the tool stays in contact from one step to the next, with at most a short time between."""
+    return _goes_on(one, following) or following.segment.t0 - one.segment.tn < APPROACH_REST_S - ROUNDED_S
+
+
+def _is_tilt(step: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Whether a step turns in contact about an axis across the tool, unlike a screw, and against no lever."""
+    segment, orientation = step.segment, moment_at(step.segment.tn).orientation
+    if not step.touches or segment.corrected or segment.turn is None or orientation is None:
+        return False
+    if not (segment.kind == "turning" or _turns_on_tip(step, moment_at)) or _is_resisted(step):
+        return False
+    return abs(float(matrix_of(orientation)[:, 2] @ segment.turn)) < TILT_COSINE * length(segment.turn)
+
+
+def _turns_on_tip(step: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Whether a slide turns the tool while a place along the tool's axis hardly moves."""
+    segment, first, last = step.segment, moment_at(step.segment.t0), moment_at(step.segment.tn)
+    turned = 0.0 if segment.turn is None else length(segment.turn)
+    if segment.kind != "sliding" or turned < LEAST_TURN_RAD:
+        return False
+    axis_moved = (_axes(last) - _axes(first))[:, 2]
+    nearest_m = -float(step.moved @ axis_moved) / max(float(axis_moved @ axis_moved), 1e-12)
+    tip_moved = length(step.moved + min(max(nearest_m, 0.0), TIP_REACH_M) * axis_moved)
+    return tip_moved**2 <= TURN_SHARE * (HANDS_BREADTH_M * turned) ** 2
+
+
+def _is_resisted(step: ProgramSegment) -> bool:
+    """Return whether a turn ends with a torque above that of its force at a hand's breadth from the tip."""
+    torque_nm = None if step.segment.screw is None else stop_torque_nm(exerted(step.segment.screw))
+    return torque_nm is not None and torque_nm > HANDS_BREADTH_M * length(step.force)
+
+
+def _goes_on(one: ProgramSegment, following: ProgramSegment) -> bool:
+    """Return whether a step begins where another one ends.
+
+    Steps left out between the two may have moved the tool.
+    """
+    apart = np.subtract(following.segment.position_start, one.segment.position_end)
+    return following.parts[0].index == one.parts[-1].index + 1 or length(apart) < OUT_M
+
+
+def _is_stroke(step: ProgramSegment) -> bool:
+    """Return whether a step moves along a surface, or turns in contact.
+
+    A yielding object is pressed in instead.
+    """
+    segment = step.segment
+    moves = step.touches and segment.motion == "motion"
+    return moves and (segment.kind == "turning" or not step.gives_way)

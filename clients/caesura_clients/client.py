@@ -81,7 +81,7 @@ class Caesura:
     def results(
         self, station: str = "*", session: str = "*", *, silence_s: float | None = None
     ) -> Iterator[Update]:
-        """Yield updates of the sessions of a station, the current state first (`results.follow`)."""
+        """Yield updates of the sessions of a station, the current state first (`session_follower.follow`)."""
         return follow(self.transport, station, session, silence_s=silence_s)
 
     def program(self, station: str) -> Program:
@@ -117,7 +117,7 @@ class Caesura:
     def insert(
         self, station: str, session: str, t: float, *, author: str, revision: int | None = None
     ) -> Ack:
-        """Insert a changepoint at a time [s]. For all corrections see `editing.edit`."""
+        """Insert a changepoint at a time [s]. For all corrections see `session_corrections.edit`."""
         return self._edit(station, session, _made(Insert, t=t), author, revision)
 
     def remove(
@@ -179,20 +179,20 @@ class Caesura:
     ) -> EditEffect:
         """Return what a correction would change, or what those since one have changed.
 
-        It changes nothing (`editing.preview`).
+        It changes nothing (`session_corrections.preview`).
         """
         return preview(self.transport, station, session, action, revision=revision)
 
     def start(self, station: str, description: Description | None = None) -> BridgeAck:
-        """Start a demonstration at a bridge in standby (`describing.start`)."""
+        """Start a demonstration at a bridge in standby (`demonstration_control.start`)."""
         return demonstration_control.start(self.transport, station, description)
 
     def stop(self, station: str, *, success: bool | None = None) -> BridgeAck:
-        """Stop a station's demonstration, and state whether it succeeded (`describing.stop`)."""
+        """Stop a station's demonstration, and state whether it succeeded (`demonstration_control.stop`)."""
         return demonstration_control.stop(self.transport, station, success=success)
 
     def describe(self, station: str, session: str, *, author: str, **changes: Any) -> Ack:
-        """Change fields of a session's description, such as `task="wipe"` (`describing.describe`)."""
+        """Change fields of a session's description, such as `task`: `demonstration_control.describe`."""
         return demonstration_control.describe(self.transport, station, session, author=author, **changes)
 
     def edit_program(

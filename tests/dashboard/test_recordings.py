@@ -364,7 +364,8 @@ def test_a_file_that_unfolds_to_more_than_a_machine_has_ends_its_own_process_alo
         for _ in range(1 << 10):
             array.write(bytes(1 << 20))
     look = (
-        "import sys\nfrom caesura_clients.dashboard import recording_playback_process\nrecording_playback_process.MEMORY = 1 << 30\n"
+        "import sys\nfrom caesura_clients.dashboard import recording_playback_process\n"
+        "recording_playback_process.MEMORY = 1 << 30\n"
         f"sys.exit(recording_playback_process.run({{'do': 'look', 'file': {str(file)!r}}}))"
     )
     one_thread = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}

@@ -277,8 +277,8 @@ class Bridge:
     def mark(self, t: float | None = None, *, author: str = MARKER) -> Ack:
         """Mark a changepoint: a segment ends at `t` [s], by default at the newest sample; the next begins.
 
-        Waits for the network, so it must not be called in a robot's control loop. Raises as `editing.edit`,
-        or CaesuraError before the first sample.
+        Waits for the network, so it must not be called in a robot's control loop. Raises as
+        `session_corrections.edit`, or CaesuraError before the first sample.
         """
         t = self._sender.last_t if t is None else t
         if t is None:

@@ -100,7 +100,7 @@ class StartStop(LiveElement, component="web/start_stop.js"):
 
 
 class HintBanner(LiveElement, component="web/hints.js"):
-    """Hints to the teacher (`hints.banner_of`)."""
+    """Hints to the teacher (`hint_banner.banner_of`)."""
 
 
 class DescriptionForm(LiveElement, component="web/description.js"):
@@ -272,7 +272,7 @@ class SessionView(LiveElement, component="web/session_view.js"):
         self.run_method("answered", message, failed)
 
     def previewed(self, found: dict[str, Any]) -> None:
-        """Show the effect that a correction would have (`editing.preview`)."""
+        """Show the effect that a correction would have (`correction_requests.preview`)."""
         self.run_method("previewed", found)
 
     def _begin(self) -> None:

@@ -1,8 +1,8 @@
 """Recordings that an operator drops into the page: stores them, inspects them, and plays them to the service.
 
-Files are stored in a separate folder (`upload_folder`). A separate process reads their content (`playback`).
-All sizes are limited: BYTES of a recording, UPLOADS stored, PLAYS at a time. Requests of a browser are not
-trusted: names of files, stations and columns are validated.
+Files are stored in a separate folder (`upload_folder`). A separate process reads their content
+(`recording_playback_process`). All sizes are limited: BYTES of a recording, UPLOADS stored, PLAYS at a time.
+Requests of a browser are not trusted: names of files, stations and columns are validated.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Diagnosis of everything between a robot and its segments, with a remedy for each fault.
 
 `endpoint_check` connects to the endpoint, and `probes` queries and listens for a few seconds. The other
-modules judge these facts and are pure: `instances` the service, `stations` each station, `signal` the
+modules judge these facts and are pure: `service_checks` the service, `stations` each station, `signal` the
 samples.
 """
 

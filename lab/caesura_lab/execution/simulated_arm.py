@@ -1,10 +1,10 @@
 """A simulated arm under Cartesian impedance, in the world of a scenario, tick by tick at 1 kHz.
 
-The arm, its friction and the surfaces are those of the simulated teacher (`guided_arm`, `fingertip_contact`).
-Instead of a hand a controller moves it: stiffness and damping about a setpoint, and an additional force. It
-feeds forward the inertia at the flange (Khatib 1987: Λ (a − J̇ v) with Λ = (J M⁻¹ Jᵀ)⁻¹), and compensates
-most of the joints' friction and damping. Along the direction in which a force is controlled there is no
-stiffness.
+The arm, its friction and the surfaces are those of the simulated teacher (`guided_arm`,
+`level_surface_contact`). Instead of a hand a controller moves it: stiffness and damping about a setpoint, and
+an additional force. It feeds forward the inertia at the flange (Khatib 1987: Λ (a − J̇ v) with Λ = (J M⁻¹
+Jᵀ)⁻¹), and compensates most of the joints' friction and damping. Along the direction in which a force is
+controlled there is no stiffness.
 """
 
 from __future__ import annotations

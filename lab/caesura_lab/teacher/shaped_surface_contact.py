@@ -1,7 +1,7 @@
 """Surfaces that are more than level: a screw's head, a hole for a peg, the crown of a barrel.
 
-They push back like a level surface (`fingertip_contact`), along their own normal. A screw also resists the
-turning tool and sinks by its pitch; a hole gives way under force and guides sideways what is in it.
+They push back like a level surface (`level_surface_contact`), along their own normal. A screw also resists
+the turning tool and sinks by its pitch; a hole gives way under force and guides sideways what is in it.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 In movement a force is one of these:
 
-- the bias, which `bias` tracks;
+- the bias, which `bias_drift_tracker` tracks;
 - a contact that slides: across the movement, and with Coulomb friction of at most 1 against it;
 - a load: downwards, while the fingers hold something, or where the gripper's state is not reported;
 - a hand: it drives the movement and does work on the robot, which no passive object does for long. A load

@@ -1,9 +1,9 @@
 """A journal on disk: SQLite in WAL mode, one file per instance, many records per commit.
 
-`sqlite_writer` writes it. This module opens it, reads it and enforces its limits.
+`writer_thread` writes it. This module opens it, reads it and enforces its limits.
 
 Closed sessions are deleted, oldest first, when they are too old or the journal is too large. Open sessions
-are never deleted for their size (`open_sessions` bounds it), and for their age only after so long a time
+are never deleted for their size (`open_session_quota` bounds it), and for their age only after so long a time
 without a record.
 """
 

@@ -12,9 +12,9 @@ segment of a phase of kind k emits
   A rest between two phases in one contact state, such as a reach and a circle, belongs to the first,
 - the place at which a phase is resumed after an interruption: near an end of one of its strokes with
   probability `repeats`, otherwise anywhere in the work space. So repeated strokes belong to one phase,
-- the share of its path that retraces the path of its phase (`retracing`). A cycle retraces it from the second
-  round on; another movement in the air does so by chance. The path before the retraced part does not belong
-  to the cycle. A cycle that has not retraced its path seldom ends (`Parameters.left_open`).
+- the share of its path that retraces the path of its phase (`retraced_path`). A cycle retraces it from the
+  second round on; another movement in the air does so by chance. The path before the retraced part does not
+  belong to the cycle. A cycle that has not retraced its path seldom ends (`Parameters.left_open`).
 
 A segment's contact state is uncertain: its likelihood follows from its class and the runner-up, reduced by a
 share for wrong models (`Parameters.wrong`). Class probabilities contain the prior weight of their kinds. The
@@ -105,7 +105,7 @@ class Parameters:
     contact state in these probabilities. cut: the share of segments that are pieces, of any length. last: the
     share that ends a demonstration. near_m, far_m [m]: standard deviation per axis of the place where a
     stroke is repeated, and of any other place of the tool. again, by_chance: the share of its way that a
-    cycle retraces, and another movement; ways of `retracing.APART` times near_m do so independently.
+    cycle retraces, and another movement; ways of `retraced_path.APART` times near_m do so independently.
     left_open: how often a cycle that has not retraced its path ends, relative to one that has. memory:
     segments of a phase that its next one may repeat.
     """

@@ -6,8 +6,8 @@
 - A transport becomes Transport with the average load of the whole carry, weighted by time; Hold likewise.
 - A turn in place is a motion, a sliding or a transport, by what the tool touches. Its app carries the axis,
   the advance and the torque that the robot exerts.
-- Rests are left out, and what `steps` leaves out; but a turn in a rest is a Cartesian Motion. A gripper event
-  outside any contact is an app of its own.
+- Rests are left out, and what `segment_interpretation` leaves out; but a turn in a rest is a Cartesian
+  Motion. A gripper event outside any contact is an app of its own.
 - An app that moves has the path from its start to its target (`paths`).
 - A gap lowers the confidence of an app (`gaps`).
 """

@@ -1,6 +1,7 @@
 """Caches the apps after the first edits of a log, so that one more edit applies only that edit.
 
 Rules
+- A draft is an `EditedAppList`: the apps after the first edits of a log.
 - A draft is valid for the same inferred apps (the same object), limits of force and edits (the same objects).
 - A cached draft is never changed: a longer one is made from a copy. So several threads may use the cache.
 - Cached are the newest few drafts, and one for each STEP edits: undo and older versions start from those.

@@ -99,7 +99,7 @@ def _note(edit: ProgramEdit) -> str:
     return f"Edit {edit.number} by {edit.author} ({edit.action.do}) is {applied}: {edit.reason}."
 
 
-class EditedApps(NamedTuple):
+class EditingResult(NamedTuple):
     """The apps after edits, and each edit with its outcome."""
 
     apps: tuple[App, ...]
@@ -112,7 +112,7 @@ def apply(
     edits: Sequence[ProgramEdit],
     force_limit_n: float | None = None,
     corrections: Sequence[Correction] = (),
-) -> EditedApps:
+) -> EditingResult:
     """Apply edits to inferred apps, oldest first.
 
     force_limit_n: of the cell [N]; corrections: of the session, which may limit the force of an app.
@@ -120,9 +120,9 @@ def apply(
     return _edited(EditedAppListCache().draft(apps, edits, force_limit_n, corrections))
 
 
-def _edited(draft: EditedAppList, pause: Callable[[], None] = go_on) -> EditedApps:
+def _edited(draft: EditedAppList, pause: Callable[[], None] = go_on) -> EditingResult:
     apps: list[App] = []
     for item in draft.items:
         apps.append(item.app)
         pause()
-    return EditedApps(tuple(apps), tuple(draft.known), draft.name)
+    return EditingResult(tuple(apps), tuple(draft.known), draft.name)

@@ -1,11 +1,11 @@
 """Interprets the segments of a program, each in the context of its neighbours.
 
 The filter infers each segment separately. In two passes,
-1. each one is interpreted with its neighbours: what the robot carries (`loads`), what it touches
+1. each one is interpreted with its neighbours: what the robot carries (`carried_loads`), what it touches
    (`contacts`), and how it leaves the contact (`departures`). Segments below the minimum time, and the
    decaying force of a contact, are left out;
 2. related segments are joined, stage by stage. A short movement is joined with the one before or after it.
-   The rests and ends of a stroke are part of it (`strokes`).
+   The rests and ends of a stroke are part of it (`joined_strokes`).
 A kind that an operator has set is not changed.
 """
 

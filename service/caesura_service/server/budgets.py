@@ -2,9 +2,10 @@
 refusals.
 
 There are separate budgets for work (the worker's time), for messages and bytes that a station publishes, for
-commands, for the work on previews, for queries, and for changes of the token; the rates are in `rate_limits`.
-Previews and queries come from readers, and do not count for the station's samples and commands. Stations are
-distinguished by name; keys without a station count as one. Any thread may call the methods.
+commands, for the work on previews, for queries, and for changes of the token; the rates are in
+`rate_limit_settings`. Previews and queries come from readers, and do not count for the station's samples and
+commands. Stations are distinguished by name; keys without a station count as one. Any thread may call the
+methods.
 """
 
 from __future__ import annotations

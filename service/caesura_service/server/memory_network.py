@@ -24,7 +24,7 @@ Received = TypeVar("Received")
 def in_memory(
     network: MemoryNetwork,
 ) -> Callable[[NetworkSettings, threading.Event], tuple[MemorySession, str]]:
-    """Return a function that joins this network, to replace `network.join`."""
+    """Return a function that joins this network, to replace `network_join.join`."""
     return lambda settings, stop: (MemorySession(network), "memory")
 
 

@@ -1,4 +1,4 @@
-"""The network of the server over Zenoh; besides `network`, the only module here that imports zenoh.
+"""The network of the server over Zenoh; besides `network_join`, the only module here that imports zenoh.
 
 Samples and queries wait in channels until they are polled. Callbacks run directly in the network's thread.
 """

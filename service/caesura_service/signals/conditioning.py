@@ -1,10 +1,10 @@
 """Conditioning: converts raw samples to observations on the segmentation grid while they arrive.
 
-Theory of operation. Samples become rows of a fixed grid (`grid`), rows become flange positions and forces in
-the base frame (`flange`), these are filtered (`filtering`), tared (`tare`) and every tenth becomes an
-observation. Each stage maps a frozen state and its input to the next state and its output; the conditioner
-keeps the states and replaces them when a push has succeeded, so a push that raises has changed nothing. Most
-pushes complete no observation: only the grid processes their samples.
+Theory of operation. Samples become rows of a fixed grid (`grid_resampler`), rows become flange positions and
+forces in the base frame (`flange_pose_and_force`), these are filtered (`savitzky_golay`), tared (`tare`) and
+every tenth becomes an observation. Each stage maps a frozen state and its input to the next state and its
+output; the conditioner keeps the states and replaces them when a push has succeeded, so a push that raises
+has changed nothing. Most pushes complete no observation: only the grid processes their samples.
 
 The observations do not depend, to the last bit, on the division of the samples into pushes.
 """

@@ -1,4 +1,7 @@
-"""Evidence against direct sums and known densities; test_channel_model_checks.py has what holds for every model."""
+"""Evidence against direct sums and known densities.
+
+test_channel_model_checks.py has what holds for every model.
+"""
 
 from __future__ import annotations
 

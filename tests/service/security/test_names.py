@@ -165,8 +165,9 @@ READS_NOTHING_SENT = (
     "malloc_threshold.py",
 )  # of the service
 # Modules that start a process. Nothing that came over the network is its command or an argument:
-# `hints --exec` runs a person's command, with the hint in variables; `playback` plays uploads;
-# `simulation` runs a program from a file of its own, at one of two speeds.
+# `hints --exec` runs a person's command, with the hint in variables;
+# `recording_playback_process` plays uploads;
+# `program_simulation` runs a program from a file of its own, at one of two speeds.
 STARTS_A_PROCESS = ("hints.py", "recordings.py", "program_simulation.py")
 ROOMS = [
     file

@@ -1,5 +1,5 @@
-// The clock of a session as people read it, as `session_time_display.py`: from `start` [s] on. What is drawn, chosen and sent
-// has the clock of the samples.
+// The clock of a session as people read it, as `session_time_display.py`: from `start` [s] on. What is drawn,
+// chosen and sent has the clock of the samples.
 import { fixed } from "caesura-dashboard/numbers.js";
 
 const OF_DAY_S = 1e8;

@@ -2,7 +2,8 @@
 
 A boundary has the time of the thesis' table, and the act of the hand there: a mark of the demonstration's
 truth, or the place that the table gives for it. A simulated hand is where the thesis' was only up to some
-tenths of a second, so that its own event counts as well as the thesis' time (`measure.references`).
+tenths of a second, so that its own event counts as well as the thesis' time
+(`table_row_comparison.references`).
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Checks of a task program before a run: a program that cannot be run is refused before the robot moves.
 
 There are seven checks, one module each. Six need no robot and are in `caesura_protocol.programs.checks`:
-`timing` of re-timed apps, `value_ranges` of each app, `gripper_capability`, `preconditions` of each app,
-`workspace` of targets, and `fidelity` to the demonstration. If their numbers are valid, `reachability` checks
-the arm: joints, inverse kinematics along the path, and obstacles.
+`speed_factor` of re-timed apps, `value_ranges` of each app, `gripper_capability`, `preconditions` of each
+app, `workspace` of targets, and `fidelity` to the demonstration. If their numbers are valid, `reachability`
+checks the arm: joints, inverse kinematics along the path, and obstacles.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The window: the evidence of its segments, the sums after a condition, and smoothing.
 
-`best_path_window.Window` computes the backward pass on log evidence; this module computes it on
+`changepoint.evidence_window.Window` computes the backward pass on log evidence; this module computes it on
 probabilities. A segment of group j that starts at u follows one of group i with probability E_i(u) R_ij /
 A_j(u) (`window_flow`). That one began at s with probability A_i(s) g(u−s) L_i(s,u−1) / E_i(u)
 (`window_shares`). Both are constant from then on. So the probability that a segment of group i starts at s is
@@ -70,7 +70,7 @@ def keep_shares(here, start, group, starts, shares, n):
 
 @compiled
 def link(here, start, free):
-    """Compute the next start's links as `best_path_window.link`, from the segments that end before it."""
+    """Compute the next start's links, as `changepoint.evidence_window.link`, from the segments before it."""
     model, state = model_at(here), state_at(here)
     ended, following, before = state.ended, state.next, state.next_before
     power = model.settings[0].power

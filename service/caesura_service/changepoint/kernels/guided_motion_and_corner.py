@@ -1,4 +1,6 @@
-"""`GuidedMotion` and `CornerWeight`: sums over steps, and the shape of the path before and after a start.
+"""Hand-guided movement (`GuidedMotion`) and its corners (`CornerWeight`).
+
+Sums over steps, and the shape of the path before and after a start.
 
 The steps are the same for every hypothesis. Only the youngest hypotheses differ: their velocity before the
 start is 0, their first steps have additional noise, and their corner weight may still change.

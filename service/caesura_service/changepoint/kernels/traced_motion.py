@@ -1,4 +1,4 @@
-"""`TracedMotion`: every hypothesis tracks its own velocity."""
+"""Slow traced line (`TracedMotion`): every hypothesis tracks its own velocity."""
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 

@@ -21,9 +21,9 @@ from typer.testing import CliRunner
 
 from caesura_clients import Caesura, demonstration_control
 from caesura_clients.bridge.bridge import Bridge
+from caesura_clients.bridge.sessions_on_demand import Standby
 from caesura_clients.bridge.sources import Source
 from caesura_clients.bridge.sources.file import FileSource
-from caesura_clients.bridge.standby import Standby
 from caesura_clients.cli import start_stop_describe
 from caesura_clients.cli.commands import register
 from caesura_clients.cli.start_stop_describe import WAITING, what_lasts
@@ -226,7 +226,7 @@ def test_samples_from_before_the_start_are_no_part_of_the_session(router, servic
 def test_a_lost_source_ends_the_session_with_what_came_and_is_opened_again(
     router, service, caesura, monkeypatch
 ):
-    monkeypatch.setattr("caesura_clients.bridge.standby.RECONNECT_S", 0.05)
+    monkeypatch.setattr("caesura_clients.bridge.sessions_on_demand.RECONNECT_S", 0.05)
     robot, mended = Robot(), Robot()
     with ready_to_start(caesura, router.endpoint, robot, mended) as standby:
         session = caesura.start(STATION).session

@@ -41,10 +41,10 @@ from caesura_service.segmentation.segmenter import Segmenter
 from caesura_service.server import worker
 from caesura_service.server.batch_collector import BatchCollector
 from caesura_service.server.inbound import RawPayload
-from caesura_service.server.result_publisher import key_of
+from caesura_service.server.outbound import key_of
 from caesura_service.sessions import batch_receiver
-from caesura_service.sessions.batch_block import ENCODING, BatchBlock
 from caesura_service.sessions.limits import Limits
+from caesura_service.sessions.same_layout_batches import ENCODING, BatchBlock
 from caesura_service.signals import Conditioner
 
 WARM_UP = 100  # batches of each station

@@ -35,8 +35,8 @@ from caesura_service.publishing.events import Owner
 from caesura_service.server import NetworkSettings, ZenohServer
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.network_interface import Incoming
+from caesura_service.server.outbound import ResultPublisher
 from caesura_service.server.rate_limit_settings import RateLimits
-from caesura_service.server.result_publisher import ResultPublisher
 from caesura_service.server.worker import TICK_S, Worker
 from caesura_service.sessions.limits import Limits
 

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from caesura_clients import demonstration_control, query
-from caesura_clients.bridge import standby
+from caesura_clients.bridge import sessions_on_demand
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import Ack
 from caesura_protocol.transport.memory import MemoryNetwork, MemoryTransport
@@ -115,8 +115,8 @@ def test_a_bridge_in_standby_closes_what_was_left_open_as_soon_as_it_is_let(monk
     monkeypatch.setattr(query, "services", lambda _transport: ["one"])
     monkeypatch.setattr(query, "snapshots", lambda *_asked, **_how: left)
     monkeypatch.setattr(demonstration_control.ControlClient, "ask", ask)
-    monkeypatch.setattr(standby, "TIDY_S", 0.0)
-    bridge = standby.Standby(MemoryTransport(MemoryNetwork()), STATION, lambda: nullcontext(None))
+    monkeypatch.setattr(sessions_on_demand, "TIDY_S", 0.0)
+    bridge = sessions_on_demand.Standby(MemoryTransport(MemoryNetwork()), STATION, lambda: nullcontext(None))
     for _ in range(3):
         bridge._tidy()
     assert asked == [4, 4]

@@ -12,8 +12,8 @@ import pytest
 
 from caesura_clients import demonstration_control
 from caesura_clients.bridge import BridgeSettings
+from caesura_clients.bridge.sessions_on_demand import Standby
 from caesura_clients.bridge.sources import Source
-from caesura_clients.bridge.standby import Standby
 from caesura_protocol.codec import decode, encode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import BridgeStatus
@@ -74,7 +74,7 @@ def over() -> Iterator[threading.Event]:
 @pytest.mark.filterwarnings("error::pytest.PytestUnhandledThreadExceptionWarning")
 @pytest.mark.parametrize("where", ["opening", "reading"])
 def test_a_library_that_raises_is_a_lost_source_which_is_opened_again(monkeypatch, over, where):
-    monkeypatch.setattr("caesura_clients.bridge.standby.RECONNECT_S", 0.05)
+    monkeypatch.setattr("caesura_clients.bridge.sessions_on_demand.RECONNECT_S", 0.05)
     works = threading.Event()
 
     def open_source() -> AbstractContextManager[Source]:
@@ -111,7 +111,7 @@ def test_a_command_that_fails_is_refused_and_the_next_one_is_answered(monkeypatc
 
 
 def test_a_start_that_the_journal_cannot_record_says_why(monkeypatch, over):
-    monkeypatch.setattr("caesura_clients.bridge.standby.OPEN_S", 0.5)
+    monkeypatch.setattr("caesura_clients.bridge.sessions_on_demand.OPEN_S", 0.5)
     network = MemoryNetwork()
     with (
         FakeService(network.transport()) as service,

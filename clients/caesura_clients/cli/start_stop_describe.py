@@ -13,7 +13,7 @@ import typer
 
 from caesura_clients import demonstration_control
 from caesura_clients.bridge import BridgeSettings, Source
-from caesura_clients.bridge.standby import Standby
+from caesura_clients.bridge.sessions_on_demand import Standby
 from caesura_clients.cli.connection_options import Config, Connect
 from caesura_clients.cli.options import connected, grouped, named, reported
 from caesura_clients.client import Caesura

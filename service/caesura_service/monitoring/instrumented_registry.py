@@ -16,7 +16,7 @@ from caesura_service.monitoring.station_counters import StationCounterSet
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Incoming, Output, ReplayEnded
 from caesura_service.publishing.session_state import SessionState
-from caesura_service.sessions.batch_block import BatchBlock
+from caesura_service.sessions.same_layout_batches import BatchBlock
 from caesura_service.sessions.session import Session
 
 

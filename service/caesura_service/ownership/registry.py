@@ -67,8 +67,8 @@ from caesura_service.publishing.events import (
     TakeoverFailed,
 )
 from caesura_service.publishing.session_state import SessionCounters, program_of, status_of
-from caesura_service.sessions.batch_block import BatchBlock
 from caesura_service.sessions.limits import Limits
+from caesura_service.sessions.same_layout_batches import BatchBlock
 from caesura_service.sessions.session import Awaited, Session
 
 STEP_S = 1e-3  # between the openings of two sessions whose clocks disagree

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 
 from caesura_service.server.inbound import RawPayload
 from caesura_service.server.network_interface import Payload
-from caesura_service.sessions.batch_block import ENCODING, BatchBlock, BatchLayout
+from caesura_service.sessions.same_layout_batches import ENCODING, BatchBlock, BatchLayout
 from caesura_service.sessions.session import Awaited
 
 HOLD_S = 0.1  # from one observation to the next

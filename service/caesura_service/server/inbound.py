@@ -15,7 +15,7 @@ from caesura_protocol.token_bucket import SENDERS
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.publishing.events import ReplayEnded, RequestReplay
 from caesura_service.server.network_interface import Payload
-from caesura_service.sessions.batch_block import BatchBlock
+from caesura_service.sessions.same_layout_batches import BatchBlock
 
 UNKNOWN = "?"  # the station of keys that name none
 NETWORK = ""  # the lane of what no station causes: other instances, the own link

@@ -53,7 +53,7 @@ from caesura_service.server.inbound import (
     source_of_key,
     sources_of,
 )
-from caesura_service.server.result_publisher import (
+from caesura_service.server.outbound import (
     answering,
     reply_error,
     reply_in_takeover,

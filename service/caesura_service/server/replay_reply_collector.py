@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 
 from caesura_service.server.inbound import RawPayload
-from caesura_service.sessions.batch_block import ENCODING, BatchBlock, BatchLayout
+from caesura_service.sessions.same_layout_batches import ENCODING, BatchBlock, BatchLayout
 
 MOST = 16  # batches of a block
 

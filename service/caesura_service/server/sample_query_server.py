@@ -24,7 +24,7 @@ from caesura_service.ownership.station_ownership import StationOwnership
 from caesura_service.publishing.events import Owner
 from caesura_service.publishing.session_state import SessionState
 from caesura_service.server.background_thread import BackgroundThread
-from caesura_service.server.result_publisher import (
+from caesura_service.server.outbound import (
     FAILED,
     reply_error,
     reply_in_takeover,

@@ -12,7 +12,7 @@ from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.journal import JournalError
 from caesura_service.ownership.stored_sessions import StoredSessions
 from caesura_service.server.background_thread import BackgroundThread
-from caesura_service.server.result_publisher import answering, reply_error, reply_message, reply_nothing
+from caesura_service.server.outbound import answering, reply_error, reply_message, reply_nothing
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 
 logger = logging.getLogger(__name__)

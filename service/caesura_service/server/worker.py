@@ -53,10 +53,10 @@ from caesura_service.server.inbound import (
     source_of_key,
     station_of,
 )
-from caesura_service.server.result_publisher import ResultPublisher
+from caesura_service.server.outbound import ResultPublisher
 from caesura_service.server.station_manager import TAKEOVER, StationManager
 from caesura_service.server.work_queue import WHOLE, WorkQueue
-from caesura_service.sessions.batch_block import ENCODING
+from caesura_service.sessions.same_layout_batches import ENCODING
 
 logger = logging.getLogger(__name__)
 Given = TypeVarTuple("Given")

@@ -44,10 +44,10 @@ from caesura_service.server.live_tokens import SERVICES, TokenChanges, query_liv
 from caesura_service.server.muted_sources import MutedSources
 from caesura_service.server.network_interface import Incoming, Network, NetworkError
 from caesura_service.server.network_join import DEFAULT_ENDPOINT, Join, NetworkSettings, join, lets_in
+from caesura_service.server.outbound import ResultPublisher, publisher_of, put
 from caesura_service.server.overload_monitor import OverloadMonitor
 from caesura_service.server.query_server import QueryServer, too_many_waiting
 from caesura_service.server.rate_limit_settings import RateLimits
-from caesura_service.server.result_publisher import ResultPublisher, publisher_of, put
 from caesura_service.server.router_link import RouterLink
 from caesura_service.server.sample_query_server import SampleServer
 from caesura_service.server.station_manager import StationManager
@@ -55,7 +55,7 @@ from caesura_service.server.station_subscriptions import StationSubscriptions
 from caesura_service.server.stored_session_server import StoredSessionServer
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 from caesura_service.server.worker import Worker
-from caesura_service.sessions.batch_block import BatchBlock
+from caesura_service.sessions.same_layout_batches import BatchBlock
 
 logger = logging.getLogger(__name__)
 

@@ -16,11 +16,11 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Error, Open, SampleBatch
 from caesura_service.publishing.events import Output, ReplayEnded, RequestReplay
 from caesura_service.segmentation.pipeline_interface import MOST_TOGETHER
-from caesura_service.sessions.batch_block import BatchBlock
 from caesura_service.sessions.batch_validation import is_usual, validated_samples
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.pipeline_runner import PipelineHost
 from caesura_service.sessions.reorder_buffer import ReorderBuffer, ReplayBackoff
+from caesura_service.sessions.same_layout_batches import BatchBlock
 from caesura_service.sessions.session_journal import SessionJournal
 
 Samples = NDArray[np.float64]

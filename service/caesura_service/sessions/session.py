@@ -43,10 +43,10 @@ from caesura_service.publishing.lifecycle_transitions import STATE_WORDS, next_s
 from caesura_service.publishing.session_state import SessionState, inferred_program_of, snapshot_of
 from caesura_service.segmentation.corrections import EditHistory
 from caesura_service.segmentation.pipeline_interface import Pipeline
-from caesura_service.sessions.batch_block import BatchBlock
 from caesura_service.sessions.batch_receiver import BatchReceiver
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.pipeline_runner import PipelineHost, replacing_apps
+from caesura_service.sessions.same_layout_batches import BatchBlock
 from caesura_service.sessions.session_journal import SessionJournal
 
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 
 from caesura_protocol.messages import Edit, EditProgram, SampleBatch
 from caesura_service.journal import EncodedBatch, Journal, JournalError, Outcome, Record, Recordable
-from caesura_service.sessions.batch_block import BatchBlock
+from caesura_service.sessions.same_layout_batches import BatchBlock
 
 
 class SessionJournal:

@@ -22,7 +22,7 @@ from caesura_service.cooperative_scheduler import give_way
 from caesura_service.publishing.events import PipelineFactory
 from caesura_service.segmentation.fake_pipeline import FakePipeline, make_fake_pipeline
 from caesura_service.segmentation.pipeline_interface import Pipeline
-from caesura_service.server import result_publisher, station_manager
+from caesura_service.server import outbound, station_manager
 from caesura_service.server.blocking_sends import WAITING, Lanes
 from caesura_service.server.memory_network import in_memory
 from caesura_service.server.rate_limit_settings import RateLimits
@@ -315,7 +315,7 @@ def test_an_answer_that_its_client_does_not_read_holds_up_no_other_station(
     config, network, gate, begun, monkeypatch
 ):
     """The worker waited in it until Zenoh closed the link, five seconds later."""
-    sent = result_publisher.reply_message
+    sent = outbound.reply_message
 
     def blocked(query: IncomingQuery, key: str, message: Message) -> None:
         if "slow" in key:
@@ -323,7 +323,7 @@ def test_an_answer_that_its_client_does_not_read_holds_up_no_other_station(
             gate.wait(DEADLINE_S)
         sent(query, key, message)
 
-    monkeypatch.setattr(result_publisher, "reply_message", blocked)
+    monkeypatch.setattr(outbound, "reply_message", blocked)
     service = Service(config, pipeline_factory=make_fake_pipeline, join=in_memory(network))
     with service, MemoryPeer(network) as peer:
         late = threading.Thread(target=peer.command, args=(opening("s1"), "slow"), daemon=True)

@@ -12,8 +12,8 @@ from caesura_service.publishing.events import RequestReplay
 from caesura_service.server.blocking_sends import Lanes
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import Arrival, ReplayFinished
+from caesura_service.server.outbound import REPLAYS, ResultPublisher
 from caesura_service.server.rate_limit_settings import RateLimits
-from caesura_service.server.result_publisher import REPLAYS, ResultPublisher
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 from caesura_service.server.zenoh_network import ZenohNetwork
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from caesura_protocol.codec import decode, encode, matrix_of, pack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import SampleBatch
-from caesura_service.sessions.batch_block import ENCODING, BatchBlock, BatchLayout
+from caesura_service.sessions.same_layout_batches import ENCODING, BatchBlock, BatchLayout
 
 COLUMNS = ("t", "px", "py", "pz", "fx")
 

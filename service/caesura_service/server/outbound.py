@@ -50,7 +50,7 @@ from caesura_service.server.inbound import (
 from caesura_service.server.network_interface import Incoming, Network, NetworkError, Publisher
 from caesura_service.server.replay_reply_collector import ReplayBlocks
 from caesura_service.server.work_queue import WorkQueue
-from caesura_service.sessions.batch_block import BatchBlock
+from caesura_service.sessions.same_layout_batches import BatchBlock
 
 logger = logging.getLogger(__name__)
 

@@ -24,7 +24,7 @@ from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import App, Quaternion, Vector
 from caesura_protocol.number_words import counted
-from caesura_protocol.programs.export_limits import without_friction
+from caesura_protocol.programs.contact_forces import without_friction
 from caesura_protocol.programs.program_gripper import GRIP_REACH_M
 from caesura_protocol.reproduced_path import knots_of
 from caesura_protocol.rotations import matrix_of

@@ -8,7 +8,7 @@ from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_protocol.app_kinds import ends_in_contact
 from caesura_protocol.messages import App
-from caesura_protocol.programs.export_limits import touching_force
+from caesura_protocol.programs.contact_forces import touching_force
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.reproduced_path import Curve, knots_of
 from caesura_protocol.rotations import (

@@ -13,13 +13,9 @@ from caesura_protocol.app_force_limit import is_path_limited
 from caesura_protocol.app_kinds import app_name, ends_in_contact, step_title
 from caesura_protocol.messages import Vector
 from caesura_protocol.programs.app_time_shifts import goes_on, rests_of
+from caesura_protocol.programs.contact_forces import force_in_tool, without_friction
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
-from caesura_protocol.programs.export_limits import (
-    CONSTANTS,
-    force_in_tool,
-    refuse_beyond_limits,
-    without_friction,
-)
+from caesura_protocol.programs.export_limits import CONSTANTS, refuse_beyond_limits
 from caesura_protocol.programs.program_gripper import gripper_of, not_driven, with_held_loads
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.script_templates import (

@@ -9,8 +9,8 @@ from typing import NamedTuple
 from caesura_protocol.app_kinds import app_name, ends_in_contact
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.app_time_shifts import rest_newtons, rests_of
+from caesura_protocol.programs.contact_forces import press_direction, without_friction
 from caesura_protocol.programs.document import ProgramFile
-from caesura_protocol.programs.export_limits import press_direction, without_friction
 from caesura_protocol.programs.program_gripper import GRIPS
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.straight_legs import Leg, Quaternion, straight_legs

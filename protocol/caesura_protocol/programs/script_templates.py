@@ -13,8 +13,8 @@ from typing import Any
 from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
 from caesura_protocol.messages import App
 from caesura_protocol.programs.checks import document_findings
+from caesura_protocol.programs.contact_forces import friction_of
 from caesura_protocol.programs.document import ProgramFile
-from caesura_protocol.programs.export_limits import friction_of
 from caesura_protocol.programs.program_gripper import GRIP_REACH_M
 from caesura_protocol.robots import RobotDescription, robot_description
 from caesura_protocol.session_time_display import clock_from

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from caesura_protocol.messages import AppPath, ViaPoint
-from caesura_protocol.programs.export_limits import touching_force
+from caesura_protocol.programs.contact_forces import touching_force
 from caesura_protocol.programs.franky_script import franky_script
 from caesura_protocol.programs.safety import Safety
 from harness.programs import (

@@ -9,8 +9,8 @@ from collections.abc import Callable
 import pytest
 
 from caesura_protocol.messages import App
+from caesura_protocol.programs.contact_forces import press_direction, without_friction
 from caesura_protocol.programs.document import ProgramFile
-from caesura_protocol.programs.export_limits import press_direction, without_friction
 from caesura_protocol.programs.franky_script import franky_script
 from caesura_protocol.programs.ur_script import ur_script
 from caesura_protocol.programs.xarm_script import xarm_script

@@ -18,7 +18,7 @@ from caesura_protocol.app_kinds import APP_KINDS, AppKind, ends_in_contact
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.checks.findings import Finding
 from caesura_protocol.programs.checks.workspace import EDGE_M, NEARLY_ALL, OF_AT_LEAST, outside_reason
-from caesura_protocol.programs.export_limits import touching_force
+from caesura_protocol.programs.contact_forces import touching_force
 from caesura_protocol.programs.safety import PLANNED_SHARE
 from caesura_protocol.reproduced_path import Curve
 from caesura_protocol.rotations import matrix_of, quaternion_of

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import queue
+import re
 import subprocess
 import threading
 from collections.abc import Callable, Iterator
@@ -255,7 +256,7 @@ def test_a_stop_counts_what_the_service_had_to_refuse(router, service, caesura):
         stopped = CliRunner().invoke(app, ["stop", STATION, "--connect", router.endpoint])
         lost = known(caesura, session).lost
         assert lost > 0
-        assert standby.status.outcome.endswith(f" batches, of which {lost} are lost")
+        assert re.fullmatch(rf"is stored; {lost} of \d+ batches are lost", standby.status.outcome)
         assert demonstration_control.stop(caesura.transport, STATION, session=session).lost == lost
     assert stopped.exit_code == 0, "a pedal starts the next one where a stop fails"
     assert f"warning: {counted(lost, 'batch')} of it lost: `caesura sessions show {session}" in stopped.stderr

@@ -353,8 +353,8 @@ class Demonstration:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, refused: str | None = None) -> None:
         self.transport, self.stopped, self.refused = self, False, refused
         self.program = wire(Program)
-        monkeypatch.setattr(teaching.describing, "start", self.start)
-        monkeypatch.setattr(teaching.describing, "stop", self.stop)
+        monkeypatch.setattr(teaching.demonstration_control, "start", self.start)
+        monkeypatch.setattr(teaching.demonstration_control, "stop", self.stop)
 
     def start(self, transport: Any, station: str, description: Description, session: str | None) -> Any:
         if self.refused is not None:

@@ -132,6 +132,18 @@ def test_a_ring_is_bounded_whatever_comes_and_whether_a_page_reads_it(
     assert peak < 1e6 * most_mb
 
 
+@pytest.mark.parametrize("t0", [0.0, 20.0, 40.0])
+def test_what_a_ring_says_it_covers_it_gives(t0):
+    """A read dropped what was older than a minute, behind the answer that it was there."""
+    ring = SignalRing()
+    sent(ring, moving(90.0, rate_hz=100.0))
+    if ring.covers("s1", t0):
+        found = read(ring, SampleRange(t0, 90.0, 10_000))
+        assert unpack_points(found)["px"][0, 0] == pytest.approx(t0, abs=BIN_S)
+    else:
+        assert t0 < 90.0 - SPAN_S
+
+
 def test_a_ring_holds_a_minute_and_says_what_it_covers():
     ring = SignalRing()
     for t0 in range(80):

@@ -84,6 +84,8 @@ class SignalRing:
         """
         with self._lock:
             self._fold()
+            if self._parts:
+                self._drop_old()  # as a read does
             is_whole = all(hole.reason == "source" or hole.tn <= t0 for hole in self._holes)
             return is_whole and session == self._session and (self._has_beginning or self._first <= t0)
 

@@ -94,8 +94,8 @@ class Slices:
         return stack is None or self._do(name, stack, self.slice_s)
 
     def finish(self, name: str) -> None:
-        """Run the rest of a work at once, if there is any."""
-        if (stack := self._under_way.pop(name, None)) is not None:
+        """Run the rest of a work at once, if there is any, also what would stand aside."""
+        while (stack := self._under_way.pop(name, None)) is not None:
             self._do(name, stack, inf)
 
     def stop(self) -> None:

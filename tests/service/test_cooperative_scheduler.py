@@ -68,6 +68,22 @@ def test_work_is_finished_at_once_from_anywhere_and_the_caller_goes_on():
     assert seen == ["a0", "a1", "a2", "asked"]
 
 
+def test_work_that_stands_aside_is_finished_too():
+    """A takeover began although the station's program was still to be made."""
+    slices, seen = Slices(slice_s=0.0), list[str]()
+
+    def work() -> None:
+        give_way()
+        seen.append("segments")
+        stand_aside()
+        seen.append("program")
+
+    assert not slices.begin("a", work)
+    slices.finish("a")
+    assert seen == ["segments", "program"]
+    assert not slices.is_under_way("a")
+
+
 def test_work_stands_aside_before_its_slice_is_over_and_the_next_work_does_not():
     slices, seen = Slices(slice_s=60.0), list[str]()
     stand_aside()  # no work is under way: it does nothing

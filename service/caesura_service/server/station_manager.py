@@ -241,8 +241,8 @@ class StationManager:
         self._queue[station] = True
 
     def _release(self, station: str) -> None:
+        self._cancel_takeover(station)  # first: one that fails is queued again
         self._queue.pop(station, None)
-        self._cancel_takeover(station)
         self._registry.release(station)
         logger.info("%s is let go of", station, extra={"station": station})
 

@@ -10,10 +10,13 @@ import pytest
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack, Insert
+from caesura_service.cooperative_scheduler import give_way
 from caesura_service.journal import JournalError, JournalShareError, Record
 from caesura_service.ownership.takeover import NotRecordedError
-from caesura_service.publishing.events import TakeoverFailed
-from caesura_service.server.station_manager import StationManager
+from caesura_service.publishing.events import Output, TakeoverFailed
+from caesura_service.server.inbound import LivelinessChanged, RouterLinkChanged, Watching
+from caesura_service.server.live_tokens import LiveTokens
+from caesura_service.server.station_manager import TAKEOVER, StationManager
 from harness.sessions import NAME, STATION
 from service.ownership.test_edits_of_two_instances import corrected
 from service.ownership.test_takeover import COUNT, EXPECTED, Instance, reported
@@ -165,3 +168,28 @@ def test_an_owner_whose_epoch_could_not_be_stored_records_no_correction_without_
         a.take()
         assert a.standing.revision == revision + 1
         assert compared(a.standing) == compared(b.standing)
+
+
+def test_a_station_that_is_let_go_of_in_the_middle_of_a_record_is_not_taken_over_again(pair, monkeypatch):
+    """What was left of the record failed, and the takeover was tried again beside the new owner's."""
+    _, b = pair
+    now, begun, outputs = [0.0], list[str](), list[Output]()
+    manager = StationManager(b.registry, "b", lambda _: None, lambda: now[0])
+    manager.start(LiveTokens(frozenset(), frozenset({STATION})))
+
+    def failing(station: str, *_: object, **__: object) -> Iterator[list[Output]]:
+        begun.append(station)
+        give_way()
+        raise NotRecordedError("the disk is full")
+        yield []
+
+    monkeypatch.setattr(b.registry, "take_over", failing)
+    manager.handle_event(Watching())
+    manager.handle_event(RouterLinkChanged(True))
+    b.registry.slices.slice_s = 0.0
+    assert not b.registry.slices.begin(TAKEOVER, lambda: outputs.extend(manager.step()))
+    manager.handle_event(LivelinessChanged("service", "a", True))
+    while (idle_s := manager.idle_s()) < 60.0:
+        now[0] += idle_s
+        manager.step()
+    assert begun == [STATION]

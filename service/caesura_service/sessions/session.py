@@ -181,13 +181,16 @@ class Session:
 
     @contextmanager
     def _collecting_edits(self) -> Iterator[None]:
-        """Collect edits while the context lasts; filter their corrections once at its end."""
+        """Collect edits while the context lasts; filter their corrections once at its end.
+
+        Of a session that the end of the service interrupts in that, no outcome is stored.
+        """
         self._collects_edits = True
         try:
             yield
         finally:
-            self._collects_edits = False
             self._host.refilter()
+            self._collects_edits = False
 
     def set_owner(self, owner: Owner) -> None:
         """Publish under this owner from now on."""

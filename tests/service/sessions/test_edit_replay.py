@@ -24,9 +24,11 @@ from caesura_protocol.messages import (
     TakeBack,
     Undo,
 )
+from caesura_service.cooperative_scheduler import Slices, give_way
 from caesura_service.journal import AppliedEdit, MemoryJournal
 from caesura_service.publishing.session_state import program_of, snapshot_of
 from caesura_service.segmentation.corrections import ResolvedEdit, correction_of
+from caesura_service.segmentation.fake_pipeline import FakePipeline
 from caesura_service.segmentation.pipeline import SegmentationPipeline
 from caesura_service.sessions.restored_outcome import state_from_snapshot
 from harness.sessions import (
@@ -34,9 +36,13 @@ from harness.sessions import (
     OWNER,
     STATION,
     answer,
+    batches,
+    closing,
+    new_registry,
+    opening,
     published,
 )
-from service.sessions.edits import RealSession, compared
+from service.sessions.edits import RealSession, compared, edit
 
 
 def test_a_correction_without_a_place_is_listed_with_its_reason_also_when_the_session_is_stored():
@@ -186,6 +192,36 @@ def test_edits_that_were_not_known_beforehand_are_filtered_once_at_the_end(monke
     for one in (real, again):
         one.registry.handle_command(STATION, Close(session=NAME, last_seq=real.count - 1), 9.0)
     assert again.standing.view == real.standing.view
+
+
+def test_no_outcome_is_stored_of_corrections_that_the_end_of_the_service_interrupts(monkeypatch):
+    """It had their number, and the segments without them: the next start showed it."""
+    registry = new_registry()
+    registry.handle_command(STATION, opening(), 0.0)
+    for batch in batches(3):
+        registry.handle_samples(STATION, batch, 0.0)
+    for command in (closing(2), edit(0, Insert(t=0.03))):
+        assert isinstance(answer(registry.handle_command(STATION, command, 0.0)), Ack)
+    _, *records = registry._journals.own_records(registry._journals.copies_of_station(STATION)[NAME].own)
+    copy = MemoryJournal()
+    session = new_registry(copy)._factory.new(STATION, opening(), OWNER, 0.0)
+    session.begin(0.0)
+
+    corrected = FakePipeline.corrected
+
+    def slow(pipeline: FakePipeline, corrections: list[ResolvedEdit]) -> FakePipeline:
+        give_way()
+        return corrected(pipeline, corrections)
+
+    def copying() -> None:
+        for _ in session.apply_peer_records(records):
+            pass
+
+    monkeypatch.setattr(FakePipeline, "corrected", slow)
+    slices = Slices(slice_s=0.0)
+    assert not slices.begin("copying", copying)
+    slices.stop()
+    assert copy.outcome(STATION, NAME) is None
 
 
 def test_the_edits_of_an_older_journal_are_resolved_at_their_place_which_log_and_program_say(caplog):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
@@ -12,6 +14,7 @@ pytest.importorskip("rosbags", reason="rosbags is not installed (extra ros2)")
 
 from playwright.sync_api import Page, expect
 
+from caesura_clients.dashboard.recordings import UPLOADS
 from caesura_protocol.formats.mcap_write import McapContent, write_mcap
 from dashboard.browser import DESK, PATIENCE_MS, Visitor, needs_chromium
 from dashboard.stage import Stage
@@ -141,3 +144,46 @@ def test_two_files_at_once_are_refused_by_name(stage: Stage, visitor: Visitor, t
     csv(folder)
     drop(page, folder)
     expect(page.locator(".drop-state")).to_contain_text("expected one file")
+
+
+def test_a_bad_file_leaves_the_form_of_the_one_before(stage: Stage, visitor: Visitor, tmp_path: Path):
+    """It took the form away, with what was typed. Several bad files do not take the recording either."""
+    page = visitor.page
+    page.goto(f"{stage.dashboard.url}/recordings")
+    drop(page, npz(tmp_path))
+    form, state = page.locator(".questions"), page.locator(".drop-state")
+    form.locator(".station").fill("cell-kept")
+    form.locator(".session").fill("s1")
+    for number in range(UPLOADS + 1):
+        odd = tmp_path / f"odd-{number}.npz"
+        np.savez(odd, a=np.zeros(3))
+        drop(page, odd)
+        expect(state).to_contain_text(
+            f"odd-{number}.npz: has a; expected the times t, and pos (the flange's x"
+        )
+        expect(form.locator("h2")).to_have_text("own.npz")
+        expect(form.locator(".station")).to_have_value("cell-kept")
+    visitor.picture("dropped-odd")
+    form.locator(".play-recording").click()
+    played = page.locator(".plays li", has_text="cell-kept/s1")
+    expect(played.locator(".play-state")).to_have_text("done")
+    expect(played.get_by_role("link")).to_have_attribute("href", "/sessions/cell-kept/s1")
+    drop(page, csv(tmp_path))
+    expect(form.locator("h2")).to_have_text("own.csv")
+    assert visitor.errors == []
+
+
+def test_a_refused_play_links_to_no_session(stage: Stage, visitor: Visitor, tmp_path: Path):
+    page = visitor.page
+    page.goto(f"{stage.dashboard.url}/recordings")
+    in_mm = replace(TAUGHT, signals={**TAUGHT.signals, "pos": 1000.0 * TAUGHT.signals["pos"]})
+    in_mm.save(tmp_path / "mm.npz")
+    drop(page, tmp_path / "mm.npz")
+    form = page.locator(".questions")
+    form.locator(".declared-length").select_option("")
+    form.locator(".station").fill("cell-refused")
+    form.locator(".play-recording").click()
+    refused = page.locator(".plays li", has_text="cell-refused/")
+    expect(refused.locator(".play-state.alarm")).to_be_visible()
+    visitor.picture("dropped-refused")
+    assert refused.get_by_role("link").count() == 0

@@ -17,7 +17,7 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, get_args
 from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
@@ -28,6 +28,8 @@ from caesura_clients.dashboard import recording_playback_process, recordings
 from caesura_clients.dashboard.correction_requests import EditRefused
 from caesura_clients.dashboard.pages.recording_upload import received
 from caesura_clients.dashboard.recordings import RecordingDesk
+from caesura_clients.dashboard.wrench_source_words import WRENCH_SOURCE_WORDS
+from caesura_protocol.messages import WrenchSource
 from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import ASSUMED_FRAME
 from dashboard.conftest import ran
@@ -200,6 +202,26 @@ def test_what_a_child_process_warns_of_stays_with_what_it_played(desk: Recording
     desk._follow(child, recordings.Playback("u-1", "a.csv", "cell-1", "s1"))  # type: ignore[arg-type]
     (played,) = desk.plays
     assert (played.warning, played.done) == ("the service ignores that up is 0,0,-1", True)
+
+
+@pytest.mark.parametrize(
+    ("said", "opened"),
+    [
+        ('{"opened": true}\n{"share": 0.5}\n{"error": "it is gone"}\n', True),
+        ('{"error": "conflict: the session is closed"}\n', False),
+    ],
+)
+def test_a_session_is_linked_to_once_the_service_has_opened_it(desk: RecordingDesk, said: str, opened: bool):
+    """One that was refused had a link, too: to no session, or to another one of that name."""
+    sent(desk, "u-1", "a.csv", CSV.encode())
+    child = SimpleNamespace(stdout=io.StringIO(said), wait=lambda: 0)
+    desk._follow(child, recordings.Playback("u-1", "a.csv", "cell-1", "s1"))  # type: ignore[arg-type]
+    (played,) = desk.plays
+    assert (played.opened, bool(played.error)) == (opened, True)
+
+
+def test_every_wrench_source_has_words():
+    assert set(WRENCH_SOURCE_WORDS) == set(get_args(WrenchSource))
 
 
 def test_a_bag_leaves_its_wrench_open_and_takes_the_answer(tmp_path: Path, capsys):

@@ -173,6 +173,7 @@ def play(job: Job) -> dict[str, Any]:
             bridge.wait_open(OPEN_S)
         except Unreachable as error:
             raise Unreachable(f"{error}; {NEEDED}") from error
+        report({"opened": True})
         if bridge.ignored_up is not None:
             report({"warning": bridge.ignored_up})
         over = threading.Event()

@@ -99,6 +99,7 @@ class Playback:
     station: str
     session: str
     share: float = 0.0
+    opened: bool = False  # has the service opened the session?
     mapping: str = ""  # the answers as a mapping file, for a csv or a rosbag2
     warning: str = ""
     error: str = ""
@@ -294,9 +295,9 @@ class RecordingDesk:
             for line in child.stdout:
                 said = _last_line(line)
                 error, done = self._in_words(said.get("error", ""), now.upload), "done" in said
-                share, mapping = said.get("share", now.share), said.get("mapping", now.mapping)
+                found = {key: said[key] for key in ("share", "opened", "mapping") if key in said}
                 warning = self._in_words(said.get("warning", now.warning), now.upload)
-                now = replace(now, share=share, mapping=mapping, warning=warning, error=error, done=done)
+                now = replace(now, **found, warning=warning, error=error, done=done)
                 if not (error or done):
                     self._keep(now)
         child.wait()

@@ -115,7 +115,10 @@ def load_recording(
     arrays, options, ignored = raw.arrays, raw.options, raw.ignored
     if "t" not in arrays or not {"pos", "q"} & set(arrays):
         names = ", ".join([*arrays, *ignored]) or "no arrays"
-        raise RecordingError(f"{path}: has {names}; expected t, and pos (n, 3) or q with a column a joint")
+        raise RecordingError(
+            f"{path}: has {names}; expected the times t, and pos (the flange's x, y and z at each time) "
+            "or q (the joint angles, a column for each joint)"
+        )
     if "force_base" in arrays:
         arrays["force"], options["force_frame"] = arrays["force_base"], "base"
         if arrays.pop("torque", None) is not None:  # it has the frame of `force`

@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 from dataclasses import asdict
 from datetime import datetime
-from typing import Any, get_args
+from typing import Any
 
 from fastapi import Request, Response
 from fastapi.responses import PlainTextResponse
@@ -20,8 +20,9 @@ from caesura_clients.dashboard.demonstration_control import ONLY_READS
 from caesura_clients.dashboard.nicegui_elements import RecordingDrop
 from caesura_clients.dashboard.pages.layout import Site, page, text
 from caesura_clients.dashboard.recordings import BYTES, MEGABYTE, SUFFIXES, RecordingDesk
+from caesura_clients.dashboard.wrench_source_words import WRENCH_SOURCE_WORDS
 from caesura_protocol.formats.foreign_csv import TURNS, UNITS
-from caesura_protocol.messages import COLUMNS_OF_SIGNAL, FORCE_FRAMES, HANDS_ON_ROBOT, WrenchSource
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL, FORCE_FRAMES, HANDS_ON_ROBOT
 from caesura_protocol.plausibility import UNITS as UNITS_OF_QUANTITY
 from caesura_protocol.robots import robot_names
 
@@ -62,7 +63,7 @@ class _Recordings:
             columns=_columns(),
             units={name: list(known) for name, known in UNITS.items()},
             quantities={name: list(known) for name, known in UNITS_OF_QUANTITY.items()},
-            sources=list(get_args(WrenchSource)),
+            sources=dict(WRENCH_SOURCE_WORDS),
             hands=list(HANDS_ON_ROBOT),
             frames=list(FORCE_FRAMES),
             robots=list(robot_names()),
@@ -82,9 +83,7 @@ class _Recordings:
             return
         try:
             if asked.get("do") == "look":
-                found = await run.io_bound(self._desk.look, str(asked.get("upload")))
-                named = f"s{datetime.now():%Y%m%d-%H%M%S}"
-                self._drop.looked({**(found or {}), "session": named, "upload": asked.get("upload")})
+                await self._look(str(asked.get("upload")))
             elif asked.get("do") == "play":
                 request = {key: value for key, value in asked.items() if key != "do"}
                 await run.io_bound(self._desk.play, request, self._site.gateway.world.bridges)
@@ -93,6 +92,16 @@ class _Recordings:
                 self._desk.drop(str(asked.get("upload")))
         except EditRefused as refused:
             self._drop.answered(str(refused), failed=True)
+
+    async def _look(self, upload: str) -> None:
+        """Show the questions about a recording; one that is refused is deleted."""
+        try:
+            found = await run.io_bound(self._desk.look, upload)
+        except EditRefused:
+            self._desk.drop(upload)
+            raise
+        named = f"s{datetime.now():%Y%m%d-%H%M%S}"
+        self._drop.looked({**(found or {}), "session": named, "upload": upload})
 
 
 async def received(site: Site, upload: str, name: str, request: Request) -> Response:

@@ -7,10 +7,6 @@ const WORDS = {
   roll_pitch_yaw: "orientation as roll, pitch, yaw", q: "joints", force: "force", torque: "moment",
   tau: "external joint torques", gripper: "gripper opening",
 };
-const SOURCES = {
-  flange_sensor: "a sensor that the guiding hand does not touch", flange_sensor_with_hand: "a sensor that measures the hand too",
-  joint_torque_estimate: "estimated from joint torques", none: "there is no wrench",
-};
 const HANDS = { yes: "yes", no: "no: replayed or remote", unknown: "not known" };
 const STATED = ["wrench_source", "hand_on_robot", "force_frame", "robot", "up"]; // by a file, which goes before what is remembered
 const newUpload = () => `u-${Date.now().toString(36)}-${Math.random().toString(36).slice(2, 12)}`;
@@ -51,13 +47,13 @@ function send(url, file, progress) {
 export default {
   mixins: [live],
   props: {
-    suffixes: Array, megabytes: Number, columns: Object, units: Object, quantities: Object, sources: Array, hands: Array,
+    suffixes: Array, megabytes: Number, columns: Object, units: Object, quantities: Object, sources: Object, hands: Array,
     frames: Array, robots: Array, station: String,
   },
   emits: ["ask"],
   data: () => ({
     played: null, plays: [], stations: [], trouble: "", over: false, state: "idle", sent: 0, message: "", failed: false, found: null,
-    form: {}, chosen: {}, chosenUnits: {}, declared: {}, more: false, words: WORDS, sourceWords: SOURCES, handWords: HANDS,
+    form: {}, chosen: {}, chosenUnits: {}, declared: {}, more: false, words: WORDS, handWords: HANDS,
   }),
   template: `
     <div class="recordings">
@@ -96,7 +92,7 @@ export default {
         <fieldset><legend>wrench, hand and robot</legend>
           <label v-if="hasWrench" class="wide">Where was the wrench measured?
             <select class="wrench-source" v-model="form.wrench_source" required><option value="" disabled>choose</option>
-              <option v-for="one in sources" :key="one" :value="one">{{ one }}: {{ sourceWords[one] }}</option></select></label>
+              <option v-for="(said, one) in sources" :key="one" :value="one">{{ one }}: {{ said }}</option></select></label>
           <label>Was it guided by hand? <select class="hand" v-model="form.hand_on_robot">
             <option v-for="one in hands" :key="one" :value="one">{{ handWords[one] }}</option></select></label>
           <label v-if="found.header && hasWrench">Whose force is it? <select class="force-of" v-model="form.force_of">
@@ -118,12 +114,13 @@ export default {
           <label class="wide">Task <input class="task" v-model="form.task" maxlength="120" placeholder="optional"></label>
         </fieldset>
         <label class="check"><input class="sure" type="checkbox" v-model="form.sure"> The units are right, even where values look implausible</label>
-        <p><button class="play-recording large" type="submit" :disabled="state === 'asking'">Play</button>
+        <p><button class="play-recording large" type="submit" :disabled="state !== 'form'">Play</button>
           <button type="button" class="forget" @click="forget">Cancel</button></p>
       </form>
       <section v-if="plays.length" aria-label="Played"><h2>Played</h2>
         <ul class="plays"><li v-for="one in plays" :key="one.station + '/' + one.session">
-          <a :href="'/sessions/' + one.station + '/' + one.session">{{ one.station }}/{{ one.session }}</a> {{ one.name }}
+          <a v-if="one.opened" :href="'/sessions/' + one.station + '/' + one.session">{{ one.station }}/{{ one.session }}</a>
+          <span v-else>{{ one.station }}/{{ one.session }}</span> {{ one.name }}
           <progress v-if="!one.done && !one.error" :value="one.share" max="1" :aria-label="'Played of ' + one.name"></progress>
           <span class="play-state" :class="{ alarm: one.error }">{{ one.error || (one.done ? "done" : Math.round(100 * one.share) + " %") }}</span>
           <p v-if="one.warning" class="alarm">{{ one.warning }}</p>
@@ -163,28 +160,30 @@ export default {
       event.target.value = "";
     },
     async sendAll(files) {
-      if (!files.length || this.state === "sending") return;
+      if (!files.length || ["sending", "looking"].includes(this.state)) return;
       const all = files.reduce((sum, [, file]) => sum + file.size, 0);
       if (all > this.megabytes * 1048576) {
         return this.answered(`${(all / 1048576).toFixed(0)} MB, at most ${this.megabytes} MB: play it with caesura bridge --file.`, true);
       }
-      this.forget();
-      this.upload = newUpload();
-      Object.assign(this, { state: "sending", sent: 0, message: "", failed: false });
+      this.coming = newUpload(); // until it has been looked at, the form of the one before stays
+      Object.assign(this, { state: "sending", played: null, sent: 0, message: "", failed: false });
       let before = 0;
       try {
         for (const [path, file] of files) {
-          await send(`/uploads/${this.upload}/${path.split("/").map(encodeURIComponent).join("/")}`, file, (now) => { this.sent = (before + now) / Math.max(all, 1); });
+          await send(`/uploads/${this.coming}/${path.split("/").map(encodeURIComponent).join("/")}`, file, (now) => { this.sent = (before + now) / Math.max(all, 1); });
           before += file.size;
         }
       } catch (error) {
+        this.$emit("ask", { do: "drop", upload: this.coming });
         return this.answered(error.message, true);
       }
       this.state = "looking";
-      this.$emit("ask", { do: "look", upload: this.upload });
+      this.$emit("ask", { do: "look", upload: this.coming });
     },
     looked(found) {
-      if (found.upload !== this.upload) return;
+      if (found.upload !== this.coming) return;
+      this.forget();
+      this.upload = found.upload;
       const stated = found.stated || {}, key = (found.header || []).join("|");
       const old = (found.header && remembered()[key]) || {}; // of the last file with these columns
       const guess = found.guess || { columns: {}, units: {} };
@@ -219,7 +218,7 @@ export default {
     },
     forget() {
       if (this.found) this.$emit("ask", { do: "drop", upload: this.upload });
-      Object.assign(this, { found: null, played: null, state: "idle", message: "" });
+      Object.assign(this, { found: null, played: null, state: this.state === "form" ? "idle" : this.state, message: "" });
     },
     answered(message, failed) {
       const state = this.found && failed ? "form" : "idle";

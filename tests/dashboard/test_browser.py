@@ -15,7 +15,7 @@ pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard
 from playwright.sync_api import Browser, Page, expect
 
 from caesura_protocol.formats.read import load_recording
-from dashboard.browser import PATIENCE_MS, TABLET, THEMES, Visitor, needs_chromium
+from dashboard.browser import DESK, PATIENCE_MS, TABLET, THEMES, Visitor, needs_chromium, settled
 from dashboard.stage import KINDS, Dashboard, Stage, patient, staged
 from harness.demonstrations import guided
 from harness.processes import eventually, running
@@ -195,6 +195,9 @@ def test_a_session_that_is_over_can_be_gone_through(stage: Stage, visitor: Visit
     page = goto(stage, visitor, "/sessions")
     page.get_by_role("link", name="done-1").click()
     expect(page.locator("h1")).to_have_text("cell-2 · done-1")
+    expect(page.locator(".state-line")).to_contain_text(
+        "wrench: a sensor that the guiding hand does not touch"
+    )
     slider = page.get_by_role("slider", name="Show until")
     expect(slider).to_have_attribute("max", re.compile(r"^5\."))
     slider.fill("1.5")
@@ -209,6 +212,56 @@ def test_a_session_that_is_over_can_be_gone_through(stage: Stage, visitor: Visit
     page.get_by_role("button", name="Play", exact=True).first.click()
     expect(page.locator(".selection")).to_contain_text("motion")
     page.get_by_role("button", name="Pause").click()
+
+
+def test_a_name_is_the_title_of_a_session_and_its_id_stands_beside_it(stage: Stage, visitor: Visitor):
+    page = goto(stage, visitor, "/sessions/cell-3/done-2")
+    title, task = page.locator("h1"), page.locator(".name-task")
+    page.locator(".description summary").click()
+    for name, shown in (
+        ("press", "cell-3 · press · done-2"),
+        ("</title> & wipe", "cell-3 · </title> & wipe · done-2"),
+        ("", "cell-3 · done-2"),
+    ):
+        task.fill(name)
+        task.blur()
+        expect(title).to_have_text(shown)
+        expect(title.locator("small")).to_have_text(" · done-2" if name else "")
+        expect(page).to_have_title(f"{shown} · Caesura")
+        visitor.picture("named")
+        expect(page.locator(".saved")).to_contain_text("Saved.")
+        page.reload()
+        expect(title).to_have_text(shown)
+        expect(page).to_have_title(f"{shown} · Caesura")
+        page.locator(".description summary").click()
+    assert visitor.errors == []
+
+
+PLOTS_TOP = "() => document.querySelector('.plots').getBoundingClientRect().top + scrollY"
+
+
+@pytest.mark.parametrize("size", [DESK, TABLET], ids=["desk", "tablet"])
+def test_no_message_moves_the_plots(stage: Stage, visitor: Visitor, size):
+    visitor.page.set_viewport_size(size)
+    page = goto(stage, visitor, "/sessions/cell-3/done-2")
+    settled(page)
+    plots, message = page.locator(".plots"), page.locator(".at-time .message")
+    top = page.evaluate(PLOTS_TOP)
+    for key in ("Home", "PageDown"):
+        plots.press(key)
+    expect(page.locator(".selection")).to_contain_text("; changepoint at")
+    assert page.evaluate(PLOTS_TOP) == top
+    plots.press("Control+y")
+    expect(message).to_have_text("There is nothing to redo.")
+    visitor.picture(f"message-{size['width']}")
+    assert page.evaluate(PLOTS_TOP) == top
+    page.locator(".description summary").click()
+    top = page.evaluate(PLOTS_TOP)
+    page.locator(".description .yes").click()
+    expect(page.locator(".saved")).to_contain_text("Saved.")
+    assert page.evaluate(PLOTS_TOP) == top
+    page.locator(".saved .take-back").click()
+    expect(page.locator(".description .yes")).to_have_attribute("aria-pressed", "false")
 
 
 def test_at_a_desk_plots_are_high_and_the_program_stands_beside_them(stage: Stage, visitor: Visitor):

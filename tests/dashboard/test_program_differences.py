@@ -144,6 +144,7 @@ def test_an_operator_compares_versions_by_keyboard_and_after_a_restart(opened: V
         expect(pressed).to_have_text(values)
         expect(rows.filter(has_text="is left out")).to_have_count(1)
         expect(rows.filter(has_text="place")).to_contain_text(f"{len(taught)} → 1")
+        expect(versions, "without scrolling, all of it is in sight").to_be_in_viewport(ratio=1.0)
         page.evaluate("() => document.querySelector('.versions').scrollIntoView()")
         looks_right(visitor, "versions", within=".versions")
 

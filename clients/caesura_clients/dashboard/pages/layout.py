@@ -41,10 +41,26 @@ class Site(NamedTuple):
     simulator: Simulator | None = None
 
 
+class Title:
+    """The title of a page, which is also that of the browser's tab."""
+
+    def __init__(self, title: str) -> None:
+        with Element("h1"):
+            self._title, self._beside = text("span", ""), text("small", "")
+        self.say(title)
+
+    def say(self, title: str, beside: str = "") -> None:
+        """Show the title. beside: what stands small beside it."""
+        beside = f" · {beside}" if beside else ""
+        if (title, beside) != (self._title.text, self._beside.text):
+            self._title.set_text(title)
+            self._beside.set_text(beside)
+            ui.page_title(f"{title}{beside} · Caesura")
+
+
 @contextmanager
-def page(title: str, here: str) -> Iterator[None]:
+def page(title: str, here: str) -> Iterator[Title]:
     """Build the frame around a page's content. here: the menu's entry of this page."""
-    ui.page_title(f"{title} · Caesura")
     ui.add_head_html(_HEAD)
     with ui.header(wrap=False, fixed=False), Element("div").classes("bar-top"):
         text("span", "Caesura").classes("name")
@@ -55,8 +71,7 @@ def page(title: str, here: str) -> Iterator[None]:
                     link.props('aria-current="page"')
         theme = text("button", "Light or dark").classes("theme").props('type="button"')
         theme.on("click", js_handler="() => window.caesuraTheme()")
-    text("h1", title)
-    yield
+    yield Title(title)
 
 
 def text(tag: str, words: str) -> TextElement:

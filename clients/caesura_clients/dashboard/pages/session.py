@@ -34,6 +34,7 @@ from caesura_clients.dashboard.station_summary import (
     session_clock,
     warning_of,
 )
+from caesura_clients.dashboard.wrench_source_words import wrench_words
 from caesura_clients.session_state_reader import Update
 from caesura_protocol import messages as wire
 from caesura_protocol.number_words import counted
@@ -56,22 +57,21 @@ class SessionPage:
         self._simulation: Simulation | None = None  # the one of this page that is under way
         self._program_desk = None if site.desk is None else ProgramDesk(site.gateway.transport)
         title = f"Station {station}" if session is None else f"{station} · {session}"
-        with page(title, "/" if session is None else "/sessions"), Element("div").classes("workspace"):
+        is_live = session is None
+        with page(title, "/" if is_live else "/sessions") as self._title, Element("div").classes("workspace"):
             with Element("div").classes("work"):
                 self._banner = Banner()
                 self._line = text("p", "").classes("state-line")
-                self._start_stop = StartStop(self._controls(), self._ask) if session is None else None
-                self._hints = (
-                    HintBanner(banner_of(None)) if session is None else None
-                )  # moves no button to press
+                self._start_stop = StartStop(self._controls(), self._ask) if is_live else None
+                self._hints = HintBanner(banner_of(None)) if is_live else None  # moves no button to press
                 self._form = DescriptionForm(
-                    self._description(), self._ask, editable=site.desk is not None, live=session is None
+                    self._description(), self._ask, editable=site.desk is not None, live=is_live
                 )
                 self._view = SessionView(
                     station,
                     site.gateway.world.update(station, session),
                     editable=self._corrector is not None,
-                    replay=session is not None,
+                    replay=not is_live,
                     on_edit=self._edit,
                     on_preview=self._preview,
                 )
@@ -111,6 +111,9 @@ class SessionPage:
         line = line_of(seen, update) if live else line_of_past(update, world.trouble)
         if line != self._line.text:
             self._line.set_text(line)
+        if self._session is not None:
+            task = update.status.description.task if update else None
+            self._title.say(f"{self._station} · {task or self._session}", self._session if task else "")
         if self._hints is not None:
             self._hints.show(banner_of(update))
         if self._start_stop is not None:
@@ -267,7 +270,7 @@ def line_of(seen: StationSummary, update: Update | None) -> str:
     """
     if update is None:
         return ""
-    parts = [f"session {update.session}", _gaps(seen.gaps), _wrench(update.status)]
+    parts = [f"session {update.session}", _gaps(seen.gaps), wrench_words(update.status.wrench)]
     if update.closed:
         parts.insert(1, length_words(update))
     if seen.age_s is not None and seen.age_s >= 1.0:
@@ -287,7 +290,7 @@ def line_of_past(update: Update | None, trouble: str = "") -> str:
     state = "closed" if update.closed else "being taught"
     gaps = len(update.status.gaps) + update.status.gaps_before
     segments = counted(len(update.segments), "segment")
-    parts = [state, length_words(update), segments, _gaps(gaps), _wrench(update.status)]
+    parts = [state, length_words(update), segments, _gaps(gaps), wrench_words(update.status.wrench)]
     return " · ".join([*parts, *_times(update)])
 
 
@@ -295,11 +298,6 @@ def _times(update: Update) -> list[str]:
     """Return text on the session time that the page displays as 0; none if it is 0."""
     words = clock_of(update.segments).words
     return [words] if words else []
-
-
-def _wrench(status: wire.SessionStatus) -> str:
-    """Return text on the wrench source in use; the program's notes state the consequences."""
-    return f"wrench {status.wrench.source}{'' if status.wrench.stated else ' (assumed)'}"
 
 
 def _gaps(count: int) -> str:

@@ -48,6 +48,8 @@ export default {
       <ul v-if="program && program.findings.length" class="findings" aria-label="Check of the program">
         <li v-for="[severity, reason] in program.findings" :key="reason" :class="severity">{{ severity }}: {{ reason }}</li>
       </ul>
+      <program-versions v-if="program && program.edits.length" :key="program.session" :edits="program.edits" ref="versions"
+        @compare="$emit('compare', $event)"></program-versions>
       <p v-if="program && program.before" class="empty">The newest {{ program.apps.length }} apps. {{ program.before }} come
         before them: they are in each export, and caesura edit-program changes them.</p>
       <ol v-if="program && program.apps.length" ref="apps" class="apps" tabindex="0" aria-label="Apps in order">
@@ -60,8 +62,6 @@ export default {
       <details v-if="program && program.edits.length" class="edits"><summary>Edits: {{ program.edits.length }}</summary>
         <ol><li v-for="[number, words, author, state, reason] in program.edits" :key="number" :value="number" :class="{ failed: reason }">
           {{ words }} – {{ author }}, {{ state }}{{ reason ? ": " + reason : "" }}</li></ol></details>
-      <program-versions v-if="program && program.edits.length" :key="program.session" :edits="program.edits" ref="versions"
-        @compare="$emit('compare', $event)"></program-versions>
     </section>
     <program-path v-if="program && program.path.length" :rows="program.path" :start="program.start" :speeds="speeds" :elsewhere="program.elsewhere" ref="path"
       @simulate="(speed) => $emit('simulate', speed)" @cancel="$emit('cancel')"></program-path>

@@ -14,7 +14,7 @@ const correcting = `
       <button v-if="canUndo" class="undo repeats" :title="undoTitle" v-on="pointing(undoAction)" @click="undo">Undo</button>
       <button v-if="canRedo" class="redo repeats" title="Make it once more (Ctrl Y)" v-on="pointing(redoAction)" @click="redo">Redo</button>
     </template>
-    <p v-if="editable" class="message" role="status" :class="{ failed }">{{ inList ? "" : message }}<span v-if="doubt" class="doubt">{{ " " + doubt }}</span></p>
+    <p class="message" role="status" :class="{ failed: failed || trouble }">{{ trouble || (inList ? "" : message) }}<span v-if="doubt" class="doubt">{{ " " + doubt }}</span></p>
   </div>
   <p v-if="!editable && !linked" class="empty only-read">{{ why }}</p>`;
 
@@ -69,7 +69,7 @@ export const template = `
   <section class="session-view" :aria-label="linked ? null : 'Signals and segments'">
     ${signals}
     ${correcting}
-    <p v-if="trouble" class="trouble" role="status">{{ trouble }}</p>
+    <p v-if="linked && trouble" class="trouble" role="status">{{ trouble }}</p>
     <div v-show="session" class="plots-frame">
     <div ref="plots" class="plots" :class="{ takes: canTake }" tabindex="0" role="application" :aria-describedby="linked ? null : 'plot-help'"
       :aria-label="'Signals against time, with segments and changepoints' + (linked ? ' of ' + station : '')" @pointerdown="pressed" @pointermove="dragged"

@@ -14,7 +14,11 @@ from clients.examples import segment
 
 
 @pytest.mark.parametrize(
-    ("stated", "words"), [(True, "wrench flange_sensor"), (False, "wrench flange_sensor (assumed)")]
+    ("stated", "words"),
+    [
+        (True, "wrench: a sensor that the guiding hand does not touch"),
+        (False, "wrench: a sensor that the guiding hand does not touch (assumed)"),
+    ],
 )
 def test_a_line_names_the_wrench_source_and_whether_it_is_assumed(update, stated, words):
     known = update()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -81,6 +82,29 @@ def test_the_reason_stands_beside_a_start_that_is_not_possible(stage: Stage, vis
     expect(page.locator(".desk .start")).to_have_count(0)
     stage.kill("cell-2")
     expect(why).to_contain_text("No bridge is connected at cell-2.")
+
+
+HEIGHTS = """() => {
+  const heights = window.heights = new Set(), desk = document.querySelector(".desk");
+  const look = () => { heights.add(desk.clientHeight); requestAnimationFrame(look); };
+  look();
+}"""
+
+
+def test_no_state_and_no_reason_changes_the_height_of_start_and_stop(
+    stage: Stage, bridge: StandbyBridge, visitor: Visitor
+):
+    """The plots jumped at the tenth second of each demonstration."""
+    page, state = visitor.page, visitor.page.locator(".desk-state")
+    page.goto(f"{stage.dashboard.url}/station/cell-1")
+    expect(page.locator("button.start")).to_be_enabled()
+    page.evaluate(HEIGHTS)
+    page.locator("button.start").click()
+    expect(state).to_have_text(re.compile(r"Teaching \d\d s"))
+    visitor.picture("desk-teaching")
+    page.locator("button.stop").click()
+    expect(page.locator("button.start")).to_be_enabled()
+    assert len(page.evaluate("() => [...window.heights]")) == 1
 
 
 def test_sessions_are_searched_filtered_sorted_and_deleted_with_undo(stage: Stage, visitor: Visitor):

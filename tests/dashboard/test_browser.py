@@ -247,6 +247,7 @@ def test_no_message_moves_the_plots(stage: Stage, visitor: Visitor, size):
     settled(page)
     plots, message = page.locator(".plots"), page.locator(".at-time .message")
     top = page.evaluate(PLOTS_TOP)
+    expect(page.locator(".app").first, "its segments were sent before its program").to_be_visible()
     for key in ("Home", "PageDown"):
         plots.press(key)
     expect(page.locator(".selection")).to_contain_text("; changepoint at")

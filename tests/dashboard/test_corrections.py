@@ -141,6 +141,11 @@ def test_the_menu_of_corrections_with_its_preview_is_within_the_window(
         assert box is not None
         assert box["y"] >= 0
         assert box["y"] + box["height"] <= size["height"]
+        menu.locator(".effect").evaluate("(words) => words.append('More that changes. '.repeat(200))")
+        longer = menu.bounding_box()
+        assert longer is not None
+        assert longer["height"] > box["height"]
+        assert longer["y"] + longer["height"] <= size["height"], "more than fits is scrolled"
         page.keyboard.press("Escape")
     finally:
         page.set_viewport_size(DESK)

@@ -11,7 +11,7 @@ export default {
   components: { EffectWords },
   props: { t: Number, start: Number, selected: Number, segment: Object, phase: Object, kinds: Object, author: String, x: Number, y: Number, width: Number, effect: Object },
   emits: ["edit", "preview", "close", "rename", "time"],
-  data: () => ({ newton: 10, tapped: "", name: "", raised: 0 }),
+  data: () => ({ newton: 10, tapped: "", name: "", raised: 0, most: "none" }),
   template: `
     <div class="correct-menu" role="dialog" :aria-label="'Correct at ' + shownTime(t) + ' s'" :style="place" @keydown.esc.stop="$emit('close')">
       <label class="menu-time">Time [s] <input ref="time" class="time" type="number" step="any" @change="setTime($event.target.value)"></label>
@@ -60,6 +60,7 @@ export default {
     fit() { // into the window, once: it would move under the pointer whenever a preview comes
       const { top, bottom } = this.$el.getBoundingClientRect();
       this.raised = Math.max(0, Math.min(bottom + EFFECT + MARGIN - window.innerHeight, top - MARGIN));
+      this.most = `${window.innerHeight - MARGIN - top + this.raised}px`; // a longer preview is scrolled
     },
     writeTime() { // once: a binding would undo what is being typed whenever the menu is drawn anew
       if (this.$refs.time) this.$refs.time.value = this.shownTime(this.t);
@@ -90,7 +91,7 @@ export default {
     },
     place() {
       const right = this.x + BESIDE, fits = right + WIDTH <= this.width;
-      return { left: `${fits ? right : Math.max(0, this.x - BESIDE - WIDTH)}px`, top: `${this.y - this.raised}px` };
+      return { left: `${fits ? right : Math.max(0, this.x - BESIDE - WIDTH)}px`, top: `${this.y - this.raised}px`, maxHeight: this.most };
     },
   },
 };

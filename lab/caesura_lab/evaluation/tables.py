@@ -88,23 +88,27 @@ def _pooled(section: SlackSection, layout: str) -> Iterator[Grid]:
 
 def _by_kind(section: SlackSection, slack: str) -> Iterator[Grid]:
     """Yield the share of true points that each method finds, for every kind of point."""
-    kinds = [kind for kind, _ in _points(section.methods[0]).most_common()]
+    numbers = _points(section.methods[0])
+    kinds = [kind for kind, _ in numbers.most_common()]
     if not kinds:
         return
     rows = []
     for one in section.methods:
-        found = Counter(hit.kind for score in one.scores for hit in score.found)
-        shares = (f"{found[kind] / n:.2f}" if (n := _points(one)[kind]) else "–" for kind in kinds)
+        found, all_of = _found(one), _points(one)
+        shares = (f"{found[kind] / all_of[kind]:.2f}" if all_of[kind] else "–" for kind in kinds)
         rows.append((one.method, *shares))
-    numbers = _points(section.methods[0])
     headings = ("method", *(f"{kind or 'unnamed'} ({numbers[kind]})" for kind in kinds))
     yield Grid(f"share of points that are found, by kind (and number); {slack}", headings, tuple(rows))
 
 
+def _found(judged: MethodReport) -> Counter[str]:
+    """Return the number of counted true points of each kind that are found."""
+    return Counter(hit.kind for score in judged.scores for hit in score.found)
+
+
 def _points(judged: MethodReport) -> Counter[str]:
     """Return the number of counted true points of each kind."""
-    found = Counter(hit.kind for score in judged.scores for hit in score.found)
-    return found + Counter(miss.kind for score in judged.scores for miss in score.missed)
+    return _found(judged) + Counter(miss.kind for score in judged.scores for miss in score.missed)
 
 
 def _sets(section: SlackSection, layout: str) -> Iterator[Grid]:

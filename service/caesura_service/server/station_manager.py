@@ -132,7 +132,12 @@ class StationManager:
         self._update_settling()
 
     def _update_settling(self) -> None:
-        """Record whether takeovers are left; until then another instance may have an own station."""
+        """Record whether takeovers are left; until then another instance may have an own station.
+
+        What is known of takeovers in progress goes with the last of them.
+        """
+        if not self._takeovers:
+            self._renews.clear()
         is_settled = not self._takeovers and not self._queue and not self._polls_s
         self._registry.ownership.is_settling = not is_settled
 

@@ -61,7 +61,7 @@ def test_windows_of_a_recording_never_stand_on_both_sides() -> None:
 
 
 def test_recordings_of_a_person_never_stand_on_both_sides() -> None:
-    """Every person has a way of their own in all recordings: by recording, they were told apart by that."""
+    """Every person has a way of their own in all recordings: by recording, it was learned."""
     rng = np.random.default_rng(0)
     people = [
         WindowMeasures(name, f"{name}-{person}-{i}", own + rng.normal(size=(8, K)), person=f"{name}-{person}")

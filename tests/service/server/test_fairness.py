@@ -143,7 +143,7 @@ class Long(FakePipeline):
 def test_a_start_does_not_wait_for_the_hours_that_one_station_has_open(
     config, network, gate, tmp_path, monkeypatch
 ):
-    """All stations waited, beyond what their bridges keep: whoever sends all day makes a restart lossy."""
+    """All stations waited, beyond what their bridges keep: one that sends all day made a restart lossy."""
 
     def long(command: Open, preset: str) -> Pipeline:
         fake = make_fake_pipeline(command, preset)

@@ -1,7 +1,7 @@
 """Converts a model set to the arrays of `layout.py`: a record per channel, and tables of terms that depend on
 length alone.
 
-There is one function per channel model. A model without one, or with an option that `channels.py` does not
+There is one function per channel model. A model without one, or with an option that the kernels do not
 implement, cannot be compiled (`can_compile`).
 """
 

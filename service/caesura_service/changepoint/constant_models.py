@@ -109,6 +109,20 @@ class FreeSpaceForce:
         total: Array = _normal(mean, self.bias**2 + variance).sum(axis=1)
         return total
 
+    def unexplained(self, mean: Array) -> Array:
+        """Return (h, 3) the part of the mean force (h, 3) [N] that has to be a bias."""
+        return mean
+
+    def log_likeness(self, rows: Rows) -> Array:
+        """Return (h,) the log of a weight of at most 1: how far the forces look like this contact state.
+
+        It is the absence of contact, and the density of the mean's `unexplained` part divided by its peak.
+        """
+        _, _, _, total, weight, absent = rows
+        bias = self.unexplained(total / weight[:, None])
+        weighed: Array = absent - 0.5 * (bias**2).sum(axis=1) / (self.bias**2 + self.noise.floor**2 / weight)
+        return weighed
+
 
 @dataclass(frozen=True)
 class LoadForce(FreeSpaceForce):
@@ -129,6 +143,10 @@ class LoadForce(FreeSpaceForce):
         mass = np.log(highest / lowest) + np.sqrt(0.5 * np.pi * shoulder2) * (1.0 / lowest + 1.0 / highest)
         density: Array = sideways - np.log(inside) - np.log(mass) - 0.5 * (down - inside) ** 2 / shoulder2
         return density
+
+    def unexplained(self, mean: Array) -> Array:
+        """Return (h, 3) the mean force (h, 3) [N] less the weight of the load that explains most of it."""
+        return np.array([weightless(force, self.least_kg, self.most_kg) for force in mean])
 
 
 @dataclass(frozen=True)

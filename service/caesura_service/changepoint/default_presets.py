@@ -7,6 +7,7 @@ The principles (ARCHITECTURE.md, "Where `default` differs from the thesis' model
   and lies between two straight ways.
 - Noise comes from the sensor, grows with speed, and is large now and then. Residuals are correlated.
 - Free space has a bias, and contact is a change. A load differs from free space by its weight alone.
+- The level of the force goes on through a corner, or is a new one.
 - Speed separates movement from rest. A surface never drives what slides along it.
 - Two rests, or two contacts, do not follow each other. Nothing lasts less than 0.4 s.
 - A movement that the rotation explains is a turn.
@@ -30,6 +31,7 @@ from caesura_service.changepoint.constant_models import (
     GripperHoldingChain,
     LoadForce,
 )
+from caesura_service.changepoint.continued_level import ContinuedLevel
 from caesura_service.changepoint.corner_weight import CornerWeight
 from caesura_service.changepoint.filter_parameters import FilterParameters
 from caesura_service.changepoint.force_rise_penalty import NoContactRise
@@ -154,6 +156,11 @@ def stroke() -> ProfileModel:
 _LADEN_WEIGHT = 0.03
 
 
+def continued(level: FreeSpaceForce) -> ContinuedLevel:
+    """Return a level that goes on from a refractory time before the start, or is new, with even odds."""
+    return ContinuedLevel(level, memory=round(REFRACTORY_S / STEP_S))
+
+
 def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
     """Return the channel models, with scales from statistics of real recordings, none from a scenario.
 
@@ -175,11 +182,11 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
         "about_a_point": TurnInPlace(floor=0.0002, share=0.002, reach=TOOL_M, nu0=TURN_NU0),
         "resisted": TurnResistance(least=HELD_NM),
         "unresisted": TurnResistance(most=HELD_NM),
-        "untouched": FreeSpaceForce(QUIET, bias=bias_n, absence=beyond, most_kg=LOAD_KG),
+        "untouched": continued(FreeSpaceForce(QUIET, bias=bias_n, absence=beyond, most_kg=LOAD_KG)),
         "not_set_in": NoContactRise(scale=FORCE_IN_MOTION_N, most_kg=LOAD_KG),
         "pressed": StudentRandomWalk("force", scale=0.5, presence=beyond),
         "slid_along": FrictionConeWeight(least=beyond, pace=SLOW),
-        "laden": LoadForce(QUIET, bias=bias_n, absence=beyond, most_kg=LOAD_KG),
+        "laden": continued(LoadForce(QUIET, bias=bias_n, absence=beyond, most_kg=LOAD_KG)),
         "empty": GripperHoldingChain(0.01 * _LADEN_WEIGHT),
         "gripping": GripperHoldingChain(0.5, change=0.05),
         "holding": GripperHoldingChain(0.99),
@@ -190,7 +197,8 @@ def stroke_channels(bias_n: float) -> Mapping[str, ChannelModel]:
     """Return the channel models with a library of strokes, without corners, turns, and loads by weight."""
     channels = {
         **default_channels(bias_n),
-        **_laden_by_sample(bias_n),
+        "untouched": FreeSpaceForce(QUIET, bias=bias_n, absence=2.0 * bias_n),
+        "laden": LoadForce(QUIET, bias=bias_n, absence=2.0 * bias_n, most_kg=LOAD_KG),
         "moving": stroke(),
         "still": StudentRandomWalk("position", scale=REST_STEP_M, still=SLOW),
         "empty": GripperHoldingChain(0.01),
@@ -304,10 +312,16 @@ def _unbiased(bias_n: float) -> Channels:
     return {"untouched": ConstantLevel("force", QUIET, origin="zero")}
 
 
+def _new_levels(bias_n: float) -> Channels:
+    """Return channels in which every segment has a level of the force of its own."""
+    channels = default_channels(bias_n)
+    return {name: model.level for name, model in channels.items() if isinstance(model, ContinuedLevel)}
+
+
 def _laden_by_sample(bias_n: float) -> Channels:
     """Return channels in which every sample of a load's weight counts against free space, like a press."""
     return {
-        "untouched": FreeSpaceForce(QUIET, bias=bias_n, absence=2.0 * bias_n),
+        "untouched": continued(FreeSpaceForce(QUIET, bias=bias_n, absence=2.0 * bias_n)),
         "not_set_in": NoContactRise(scale=FORCE_IN_MOTION_N),
     }
 
@@ -323,9 +337,9 @@ def _white(bias_n: float) -> Channels:
     white = replace(QUIET, correlation=0.0)
     return {
         "moving": replace(guided_motion(), correlation=0.0),
-        "untouched": FreeSpaceForce(white, bias=bias_n, absence=2.0 * bias_n, most_kg=LOAD_KG),
+        "untouched": continued(FreeSpaceForce(white, bias=bias_n, absence=2.0 * bias_n, most_kg=LOAD_KG)),
         "pressed": ConstantLevel("force", white, origin="previous"),
-        "laden": LoadForce(white, bias=bias_n, absence=2.0 * bias_n),
+        "laden": continued(LoadForce(white, bias=bias_n, absence=2.0 * bias_n)),
     }
 
 
@@ -372,6 +386,7 @@ _CHANGED_CHANNELS: Mapping[str, Callable[[float], Channels]] = {
     "speed_noise": _even_noise,
     "heavy_tails": _light_tails,
     "bias": _unbiased,
+    "continued_levels": _new_levels,
     "change": _rising_contact,
     "correlation": _white,
     "pace": _paceless,

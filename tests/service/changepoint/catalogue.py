@@ -26,6 +26,7 @@ from caesura_service.changepoint.constant_models import (
 )
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
 from caesura_service.changepoint.contact_mixture import CONTACT, FREE, TRANSPORT, ContactMixture
+from caesura_service.changepoint.continued_level import ContinuedLevel
 from caesura_service.changepoint.corner_weight import CornerWeight
 from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.force_rise_penalty import NoContactRise
@@ -43,6 +44,7 @@ from caesura_service.changepoint.turn_resistance import TurnResistance
 
 DENSITY = "a density"
 APART = "a density of all samples together; of the next alone only where the noise is known for certain"
+MIXED = "a mixture of a level and of itself given the observation before: `quadrature.continued`"
 WEIGHTED = "a density times weights of at most 1, so that what should not be there is not overrated"
 GIVEN_TARGET = (
     "the target is the last sample (3.27), which explains itself: a density of those before, given it"
@@ -131,6 +133,11 @@ def _free_space() -> Iterator[tuple[str, Entry]]:
         yield f"biased, {name}, absence but for a weight", Entry(light, WEIGHTED, "force")
         yield f"laden, {name}", Entry(LoadForce(noise, 1.5), APART, "force")
         yield f"laden, {name}, absence", Entry(LoadForce(noise, 1.5, absence=3.0), WEIGHTED, "force")
+        for level in (FreeSpaceForce(noise, 1.5, absence=3.0, most_kg=0.1), LoadForce(noise, 1.5)):
+            mixture = ContinuedLevel(level, memory=1)
+            yield f"continued {type(level).__name__}, {name}", Entry(mixture, MIXED, "force")
+        known = ContinuedLevel(FreeSpaceForce(replace(noise, nu0=CERTAIN), 1.5), memory=1)
+        yield f"continued, {name}, noise known", Entry(known, DENSITY, "force")
 
 
 def _profiled() -> Iterator[tuple[str, Entry]]:

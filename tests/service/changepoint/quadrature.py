@@ -10,8 +10,14 @@ import numpy as np
 from scipy import stats
 
 from caesura_service.changepoint.channel_model import Noise
-from caesura_service.changepoint.constant_models import ConstantLevel, FreeSpaceForce, ThesisLoadForce
+from caesura_service.changepoint.constant_models import (
+    ConstantLevel,
+    FreeSpaceForce,
+    LoadForce,
+    ThesisLoadForce,
+)
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
+from caesura_service.changepoint.continued_level import ContinuedLevel
 from caesura_service.changepoint.evidence import log_mean_exp, log_sum_exp
 from caesura_service.changepoint.profile_library import ProfileLibrary
 from caesura_service.changepoint.profile_model import ProfileModel
@@ -165,6 +171,21 @@ def biased(model: FreeSpaceForce, before: Array, z: Array) -> float:
     return sum(map(deviations, groups)) + float(given) + absent
 
 
+def continued(model: ContinuedLevel, before: Array, z: Array) -> float:
+    """A new level, or the one of the observation before, by how likely that is of this contact state."""
+    level, x = model.level, before[None]
+    assert model.memory == 1
+    loads = GRAVITY * np.linspace(level.least_kg, level.most_kg, 20_001)
+    weighed = before + np.column_stack([np.zeros((loads.size, 2)), loads])
+    beyond = weighed[np.argmin((weighed**2).sum(axis=1))]
+    absent = -0.5 * (beyond**2).sum() / level.absence**2 if level.absence else 0.0
+    bias = before if type(level) is FreeSpaceForce else beyond
+    prior = stats.multivariate_normal(np.zeros(3), (level.bias**2 + level.noise.floor**2) * np.eye(3))
+    q = model.probability * np.exp(absent + prior.logpdf(bias) - prior.logpdf(np.zeros(3)))
+    going_on = biased(level, before, np.concatenate([x, z])) - biased(level, before, x)
+    return float(np.logaddexp(np.log(1.0 - q) + biased(level, before, z), np.log(q) + going_on))
+
+
 def carried(model: ThesisLoadForce, before: Array, z: Array) -> float:
     """The best of all loads."""
     lightest = -model.least_kg * GRAVITY
@@ -194,11 +215,12 @@ def constant_velocity(model: ConstantVelocity, before: Array, z: Array) -> float
 
 
 QUADRATURE = {
-    "Constant": constant,
-    "Profiled": profiled,
-    "Biased": biased,
-    "Laden": biased,
-    "Carried": carried,
-    "ConstantVelocity": constant_velocity,
-    "Walk": walk,
+    ConstantLevel: constant,
+    ProfileModel: profiled,
+    FreeSpaceForce: biased,
+    LoadForce: biased,
+    ContinuedLevel: continued,
+    ThesisLoadForce: carried,
+    ConstantVelocity: constant_velocity,
+    StudentRandomWalk: walk,
 }

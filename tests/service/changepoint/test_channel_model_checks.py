@@ -14,9 +14,11 @@ from scipy import integrate
 
 from caesura_service.changepoint import channel_model_checks
 from caesura_service.changepoint.channel_model import ModelInput
-from caesura_service.changepoint.channel_model_checks import everywhere, mass, rows_after
-from caesura_service.changepoint.constant_models import GripperHoldingChain
+from caesura_service.changepoint.channel_model_checks import NOWHERE, everywhere, mass, rows_after
+from caesura_service.changepoint.constant_models import FreeSpaceForce, GripperHoldingChain
+from caesura_service.changepoint.continued_level import ContinuedLevel
 from caesura_service.changepoint.corner_weight import CornerWeight
+from caesura_service.changepoint.default_presets import default_channels
 from caesura_service.changepoint.evidence import known_mean_log_evidence, log_mean_exp
 from caesura_service.changepoint.force_rise_penalty import NoContactRise
 from caesura_service.changepoint.friction_cone import FrictionConeWeight
@@ -114,7 +116,7 @@ def test_all_observations_of_free_space_together_sum_to_one(entry: Entry) -> Non
 @pytest.mark.parametrize("name", ["untouched", "laden"])
 def test_free_space_is_all_but_a_product_of_predictives_with_the_presets_noise(name: str) -> None:
     """To 2 %, where the noise is as large as the preset says; where it is eight times that, no longer."""
-    model = replace(PRESETS["default"].channels(1.5)[name], absence=0.0)  # type: ignore[type-var]
+    model = replace(default_channels(1.5)[name].level, absence=0.0)  # type: ignore[attr-defined]
     down = 4.0 * (name == "laden")
     past = [ModelInput(np.zeros(3), force) for force in data(4, down=down)]
     assert mass(model, past, everywhere("force", past[-1].force, 0.35)) == pytest.approx(1.0, abs=0.02)
@@ -219,13 +221,49 @@ def test_what_the_gripper_holds_next_is_a_probability() -> None:
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
-@pytest.mark.parametrize("name", [name for name, e in MODELS.items() if type(e.model).__name__ in QUADRATURE])
+@pytest.mark.parametrize("name", [name for name, e in MODELS.items() if type(e.model) in QUADRATURE])
 def test_evidence_is_the_sum_over_all_parameters(name: str, n: int) -> None:
     entry = MODELS[name]
     values = data(1 + n, seed=n, down=1.5)
-    reference = QUADRATURE[type(entry.model).__name__]
+    reference = QUADRATURE[type(entry.model)]
     expected = reference(entry.model, entry.unit * values[0], entry.unit * values[1:])
     assert evidence_of(entry, values) == pytest.approx(expected, abs=1e-6)
+
+
+def test_every_sum_over_parameters_is_compared_with_a_model() -> None:
+    assert set(QUADRATURE) <= {type(entry.model) for entry in MODELS.values()}
+
+
+def cost_of_a_start(model: FreeSpaceForce | ContinuedLevel, forces: np.ndarray) -> float:
+    """By how much a segment of these forces (n, 3) [N] explains them better than two halves of it do."""
+    half = len(forces) // 2
+    rows = rows_after(model, [NOWHERE._replace(force=force) for force in forces[:half]])
+    first = model.log_evidence(rows)[0]
+    rows = rows_after(model, [NOWHERE._replace(force=force) for force in forces[half:]], rows)
+    whole, second = model.log_evidence(rows)[[0, half]]
+    return float(whole - first - second)
+
+
+@pytest.mark.parametrize("varies_n", [0.05, 0.1, 0.2, 0.5, 1.0])
+def test_a_start_under_the_same_force_costs_less_than_half_of_what_a_new_level_does(varies_n: float) -> None:
+    continued = default_channels(1.5)["untouched"]
+    assert isinstance(continued, ContinuedLevel)
+    draws = [np.random.default_rng(seed).normal([0.5, 0.0, -1.0], varies_n, (24, 3)) for seed in range(8)]
+    mixed, fresh = (
+        np.mean([cost_of_a_start(model, forces) for forces in draws])
+        for model in (continued, continued.level)
+    )
+    assert 0.0 < 2.0 * mixed < fresh
+
+
+def test_after_a_contact_the_level_is_new() -> None:
+    continued = default_channels(1.5)["untouched"]
+    assert isinstance(continued, ContinuedLevel)
+    forces = np.random.default_rng(0).normal(0.0, 0.2, (12, 3))
+    forces[:6] += [12.0, 0.0, 9.0]
+    seen = [NOWHERE._replace(force=force) for force in forces]
+    fresh, mixed = (model.log_evidence(rows_after(model, seen))[6] for model in (continued.level, continued))
+    assert mixed == pytest.approx(fresh, abs=1e-3)
 
 
 # Pure, independent, serialisable, seeded, constant work

@@ -29,6 +29,7 @@ TOUCHED = {
     "without_speed_noise": {"moving"},
     "without_heavy_tails": {"moving"},
     "without_bias": {"untouched"},
+    "without_continued_levels": {"untouched", "laden"},
     "without_change": {"pressed"},
     "without_corner_chords": {"corner", "turned_back"},
     "without_straight_ways": {"corner", "turned_back"},

@@ -11,7 +11,7 @@ import math
 
 from caesura_service.changepoint.kernels.array_tuple import model_at, state_at
 from caesura_service.changepoint.kernels.fast_math import log_sum_exp
-from caesura_service.changepoint.kernels.force_level import biased
+from caesura_service.changepoint.kernels.force_level import force_level
 from caesura_service.changepoint.kernels.guided_motion_and_corner import corner, guided
 from caesura_service.changepoint.kernels.layout import (
     AXES,
@@ -71,7 +71,7 @@ def take(here, c, joins):
     elif which == CONSTANT:
         constant(here, c, joins)
     elif which in (BIASED, LADEN):
-        biased(here, c)
+        force_level(here, c)
     elif which == CARRIED:
         carried(here, c)
     elif which == HELD:
@@ -203,10 +203,10 @@ def constant(here, c, joins):
     model, state = model_at(here), state_at(here)
     channel, lanes = model.channels[c], whole(state.counters[0].living)
     follow(here, channel, joins)
-    fill_length(here, c)
+    fill_length(here, c, 0)
     for a in range(AXES):
         add_squares(state.sums[channel.field + 2 * AXES + a], state.work[SQUARES + a], lanes)
-    over_axes(here, c, channel)
+    over_axes(here, channel, 0, state.channel[c])
 
 
 @compiled
@@ -223,13 +223,13 @@ def carried(here, c):
     model, state = model_at(here), state_at(here)
     channel, work, sums, lanes = model.channels[c], state.work, state.sums, whole(state.counters[0].living)
     at = channel.field
-    fill_length(here, c)
+    fill_length(here, c, 0)
     for a in range(AXES):
         z = state.now[channel.signal + a]
         add_to_all(sums[at + a], work[SQUARES + a], z, lanes)
         add_to_all(sums[at + AXES + a], work[SQUARES + a], z * z, lanes)
     about_weight(work[SQUARES + 2], sums[at + 2], state.ages, channel.lightest, lanes)
-    over_axes(here, c, channel)
+    over_axes(here, channel, 0, state.channel[c])
 
 
 @compiled

@@ -31,6 +31,7 @@ STATES = 3  # of the contact model
 POSITION, FORCE, ROTATION, TORSION, HOLDING = (AXES * i for i in range(5))
 SEEN = HOLDING + 1  # numbers of an observation
 PAST = 16  # observations that a model may look back on
+FORCES = 2 * AXES  # first column of the forces in `State.past`
 
 # Rows of a library's table: φw, w, Σφ²w, Σ log scale.
 WEIGHED, PRECISION, NORM, LOG_SCALE = range(4)
@@ -76,6 +77,8 @@ CHANNEL = np.dtype(
         ("absence", "f8"),
         ("lightest", "f8"),  # [N]
         ("heaviest", "f8"),  # [N]
+        ("memory", "i8"),  # observations before a start whose level may go on; 0: it does not
+        ("log_continued", "f8"),  # log probability that it does
         ("probability", "f8"),
         ("change", "f8"),
         ("state", "i8"),
@@ -160,7 +163,7 @@ class State(NamedTuple):
     counters: NDArray[Any]  # (1,) COUNTERS
     now: Floats  # (13,) the observation: position, force, rotation, torsion, what the gripper holds
     previous: Floats  # (13,) the one before
-    past: Floats  # (PAST, 6) the last positions and rotations, this one included
+    past: Floats  # (PAST, 9) the last positions, rotations and forces, this one included
     starts: Ints  # (s,)
     nodes: Ints  # (g, s) what a segment of each group descends from; FREE where that has been pruned
     slots: Ints  # (s,) those of the living, then the free ones
@@ -229,7 +232,7 @@ def fresh_state(
     shapes: dict[str, tuple[int, ...]] = {
         "now": (SEEN,),
         "previous": (SEEN,),
-        "past": (PAST, 2 * AXES),
+        "past": (PAST, 3 * AXES),
         "ages": (slots,),
         "rows": (first + kinds + fields, slots),
         "channel": (channels, slots),

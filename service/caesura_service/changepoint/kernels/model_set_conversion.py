@@ -24,6 +24,7 @@ from caesura_service.changepoint.constant_models import (
 )
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
 from caesura_service.changepoint.contact_mixture import ContactMixture
+from caesura_service.changepoint.continued_level import ContinuedLevel
 from caesura_service.changepoint.corner_weight import CornerWeight
 from caesura_service.changepoint.evidence import student_log_density
 from caesura_service.changepoint.filter_parameters import FilterParameters
@@ -71,6 +72,8 @@ def _fits(model: ChannelModel) -> bool:
     match model:
         case GuidedMotion() | TracedMotion():
             return len(model.scales) <= MOST_SHARES and model.away_steps < PAST
+        case ContinuedLevel():
+            return model.memory < PAST and type(model.level) in (FreeSpaceForce, LoadForce)
         case CornerWeight():
             return model.memory <= PAST and len(model.chords) <= MOST_CHORDS
         case _:
@@ -258,6 +261,11 @@ def _laden(model: LoadForce) -> Record:
     return {**_biased(model), "model": layout.LADEN}
 
 
+def _continued(model: ContinuedLevel) -> Record:
+    whether = {"memory": model.memory, "log_continued": np.log(model.probability)}
+    return {**RECORDS[type(model.level)](model.level), **whether}
+
+
 def _carried(model: ThesisLoadForce) -> Record:
     weight = model.least_kg * GRAVITY
     return {"model": layout.CARRIED, "signal": FORCE, "lightest": weight, "whitening": 0.0}
@@ -394,6 +402,7 @@ RECORDS: Mapping[type, Callable[[Any], Record]] = {
     ConstantLevel: _constant,
     FreeSpaceForce: _biased,
     LoadForce: _laden,
+    ContinuedLevel: _continued,
     ThesisLoadForce: _carried,
     GripperHoldingChain: _held,
     ContactMixture: _contact,
@@ -407,13 +416,14 @@ RECORDS: Mapping[type, Callable[[Any], Record]] = {
     NoContactRise: _no_rise,
     TurnResistance: _resistance,
 }
-_NOISY = frozenset({ProfileModel, ConstantLevel, FreeSpaceForce, LoadForce, ThesisLoadForce})
+_NOISY = frozenset({ProfileModel, ConstantLevel, FreeSpaceForce, LoadForce, ContinuedLevel, ThesisLoadForce})
 _WIDTHS: Mapping[type, int] = {
     ProfileModel: 10,
     StudentRandomWalk: 1,
     ConstantLevel: 9,
     FreeSpaceForce: 8,
     LoadForce: 8,
+    ContinuedLevel: 17,
     ThesisLoadForce: 6,
     GripperHoldingChain: 2,
     ContactMixture: 2 + layout.STATES,

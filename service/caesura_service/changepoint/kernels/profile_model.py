@@ -54,10 +54,10 @@ def profiled(here, c, joins):
     model, state = model_at(here), state_at(here)
     channel, evidence = model.channels[c], state.channel[c]
     follow(here, channel, joins)
-    fill_length(here, c)
+    fill_length(here, c, 0)
     if channel.best_only:
         explain_best(here, channel)
-        over_axes(here, c, channel)
+        over_axes(here, channel, 0, state.channel[c])
     else:
         fill_priors(here, channel)
         explain_all(here, channel)

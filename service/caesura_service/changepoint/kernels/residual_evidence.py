@@ -80,15 +80,17 @@ def by_length(here, c, n):
 
 
 @compiled
-def fill_length(here, c):
+def fill_length(here, c, before):
     """Fill `work[BY_LENGTH]` with the terms of each hypothesis' log evidence that depend on its length
     alone.
+
+    before: observations before the start that count, too.
     """
     model, state = model_at(here), state_at(here)
     groups = 1.0 if model.channels[c].joint else float(AXES)
     me, evidence = state.counters[0], state.work[BY_LENGTH]
     for i in range(me.living):
-        evidence[i] = groups * by_length(here, c, int(state.ages[i]))
+        evidence[i] = groups * by_length(here, c, before + int(state.ages[i]))
 
 
 @compiled
@@ -132,11 +134,10 @@ def add_square(total, values, lanes):
 
 
 @compiled
-def over_axes(here, c, channel):
-    """Compute `Noise.log_evidence` of sums of squared residuals by hypothesis and axis, to
-    `state.channel[c]`.
+def over_axes(here, channel, before, evidence):
+    """Compute `Noise.log_evidence` of sums of squared residuals by hypothesis and axis, to `evidence`.
 
-    The scale is the floor's; the terms that depend on length alone are already added.
+    The scale is the floor's; the terms that depend on length alone are those of `fill_length`.
     """
     state = state_at(here)
     lanes, prior = whole(state.counters[0].living), channel.nu0 * channel.floor2
@@ -150,9 +151,8 @@ def over_axes(here, c, channel):
             logarithms(state.work[SQUARES + a], lanes)
         add_all(x, y, z, 0.0, lanes)
     half0, half = 0.5 * channel.nu0, 0.5 * channel.pooled
-    weigh(
-        state.channel[c], state.work[BY_LENGTH], x, state.ages, half0 - half * channel.unvalued, half, lanes
-    )
+    half0 -= half * (channel.unvalued - before)
+    weigh(evidence, state.work[BY_LENGTH], x, state.ages, half0, half, lanes)
 
 
 @compiled

@@ -8,7 +8,7 @@ from caesura_service.changepoint.kernels.array_tuple import model_at, state_at
 from caesura_service.changepoint.kernels.channels import take
 from caesura_service.changepoint.kernels.evidence_window import keep_shares, link, remember, smooth, sum_from
 from caesura_service.changepoint.kernels.fast_math import exponentials, logarithms, most_of, shares_of
-from caesura_service.changepoint.kernels.layout import AXES, FREE, HOLDING, ROTATION
+from caesura_service.changepoint.kernels.layout import AXES, FORCE, FORCES, FREE, HOLDING, ROTATION
 from caesura_service.changepoint.kernels.path_nodes import copy, new_node, node_made, refer, release, settle
 from caesura_service.changepoint.kernels.residual_evidence import whole
 from caesura_service.numba_support.decorators import compiled
@@ -202,7 +202,7 @@ def take_next(here, place):
 
 @compiled
 def follow_path(here, joins):
-    """Append the last position and rotation to `state.past`; the first observation fills it completely."""
+    """Append the observation to `state.past`; the first observation fills it completely."""
     state = state_at(here)
     past = state.past
     last = past.shape[0] - 1
@@ -210,6 +210,7 @@ def follow_path(here, joins):
         for a in range(AXES):
             past[i, a] = past[i + 1, a] if joins and i < last else state.now[a]
             past[i, AXES + a] = past[i + 1, AXES + a] if joins and i < last else state.now[ROTATION + a]
+            past[i, FORCES + a] = past[i + 1, FORCES + a] if joins and i < last else state.now[FORCE + a]
 
 
 @compiled

@@ -24,7 +24,7 @@ def pivot(here, c):
     sums, last = state.sums[channel.field : channel.field + 15], past.shape[0] - 1
     begin(sums, living - 1, past[last - 1], channel)
     add_step(sums, state.work, past, channel, whole(living))
-    fill_length(here, c)
+    fill_length(here, c, 0)
     regress(here, channel, sums, state.channel[c])
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -177,6 +179,14 @@ class ThesisLoadForce:
         return result
 
 
+class HoldingStates(NamedTuple):
+    """The known states of a gripper in a segment: the first one, and how often the next one is the same."""
+
+    first: float  # 1 it holds something, 0 it does not
+    stays: int
+    changes: int
+
+
 @dataclass(frozen=True)
 class GripperHoldingChain:
     """A two-state Markov chain of whether the gripper holds something.
@@ -206,6 +216,12 @@ class GripperHoldingChain:
     def log_evidence(self, rows: Rows) -> Array:
         """Return (h,) log evidence of each hypothesis."""
         return np.asarray(rows[0], np.float64)
+
+    def log_likelihood(self, states: HoldingStates) -> float:
+        """Return the same of one segment, from the states that were known in it."""
+        first = self.probability if states.first else 1.0 - self.probability
+        changes = states.stays * math.log(1.0 - self.change) + states.changes * math.log(self.change)
+        return math.log(first) + changes
 
 
 def weightless(force: Array, least_kg: float, most_kg: float) -> Array:

@@ -151,8 +151,7 @@ def stroke() -> ProfileModel:
 
 # A load and a wandering bias look alike. Without a gripper's state a load has 0.03 of the prior weight of
 # the same segment in free space: an invented load is worse than one that is shown as a movement. A gripper's
-# state errs one time in a hundred: 99 of 100 segments in which it holds something are loads. With the
-# power, the stated probability of such a load is 0.63 where nothing else shows it (`SegmentModelSet.weigh`).
+# state errs one time in a hundred: 99 of 100 segments in which it holds something are loads.
 _LADEN_WEIGHT = 0.03
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.changepoint.channel_model import ChannelModel, Choice, ModelInput, Rows, select
+from caesura_service.changepoint.constant_models import GripperHoldingChain, HoldingStates
 from caesura_service.changepoint.evidence import log_sum_exp
 
 Array = NDArray[np.float64]
@@ -146,13 +147,22 @@ class SegmentModelSet:
         inside = range(len(self.kinds)) if group is None else self.members[group]
         return max(inside, key=kind_log_evidence.tolist().__getitem__)
 
-    def weigh(self, kind_log_evidence: Array) -> Array:
-        """(…, kinds) log weight of each kind of one segment: its evidence to the power, its prior as it is.
+    def weigh(self, kind_log_evidence: Array, states: HoldingStates | None = None) -> Array:
+        """(kinds,) log weight of each kind of one segment: its evidence to the power, its prior as it is.
 
-        How often a hand carries something is known, however wrong the models of signals are.
+        How often a hand carries something is known, however wrong the models of signals are. So is how often
+        a gripper's state errs, which is all that its model consists of. states: the gripper's in the segment,
+        None where none is known.
         """
-        weighed: Array = self.log_weight + self.power * (kind_log_evidence - self.log_weight)
+        known = self.log_weight if states is None else self.log_weight + self._log_likelihood(states)
+        weighed: Array = known + self.power * (kind_log_evidence - known)
         return weighed
+
+    def _log_likelihood(self, states: HoldingStates) -> Array:
+        """(kinds,) log likelihood of the gripper's states in a segment of each kind."""
+        chains = {name: one for name, one in self.channels.items() if isinstance(one, GripperHoldingChain)}
+        each = {name: one.log_likelihood(states) for name, one in chains.items()}
+        return np.array([sum(each.get(channel, 0.0) for channel in kind.channels) for kind in self.kinds])
 
     def combine(self, kind_log_evidence: Array) -> Array:
         """Return (h, groups) log evidence over the kinds of each group, from (h, kinds)."""

@@ -9,6 +9,7 @@ from functools import partial
 from itertools import pairwise
 from types import MappingProxyType
 
+from caesura_service.changepoint.constant_models import HoldingStates
 from caesura_service.changepoint.evidence_window import NOTHING, PathSegment, outline_of
 from caesura_service.changepoint.filter_interface import ChangepointFilter
 from caesura_service.changepoint.probability_threshold_segmenter import ThresholdSegmenter
@@ -53,16 +54,22 @@ class InferredSegment:
         return self.start_stands and self.end_final
 
 
-def verdict(lattice: SegmentModelSet, ended: PathSegment, is_turn: IsTurn | None = None) -> Classification:
+def verdict(
+    lattice: SegmentModelSet,
+    ended: PathSegment,
+    is_turn: IsTurn | None = None,
+    states: HoldingStates | None = None,
+) -> Classification:
     """Return the best kind in the group that the best segmentation has, and the probability of its name.
 
     It is conditional on the segment's start and end, and on the group of the segment before: a kind that may
     not follow that group has probability 0, unless the best segmentation repeats it, as it may after a gap.
 
     is_turn: whether a movement is a turn in place. Such a movement is named a turning, and its probability is
-    that of the movement and of the turning together.
+    that of the movement and of the turning together. states: the gripper's in the segment; None where none is
+    known.
     """
-    kinds, values = lattice.kinds, lattice.weigh(ended.kind_log_evidence)
+    kinds, values = lattice.kinds, lattice.weigh(ended.kind_log_evidence, states)
     if ended.before not in (NOTHING, ended.group):
         values = values + lattice.log_transition[ended.before][lattice.groups]
     values, best = values.tolist(), lattice.best_kind(ended.kind_log_evidence, ended.group)
@@ -115,12 +122,14 @@ def stretches(
     decided: ThresholdSegmenter | None = None,
     known: Mapping[int, InferredSegment] = MappingProxyType({}),
     is_turn: Callable[[int, int], bool] | None = None,
+    states: Callable[[int, int], HoldingStates | None] = lambda start, end: None,
 ) -> list[InferredSegment]:
     """Return the segments of the best segmentation from the final segment number `first` on, or those of
     `decided`.
 
     known: segments of an earlier call, by their start; those that can no longer change are reused. is_turn:
-    whether the movement from one observation to another, the last not included, is a turn in place.
+    whether the movement from one observation to another, the last not included, is a turn in place. states:
+    the known states of the gripper between two observations, None where none is known.
     """
     final, growing = _ended(online, decided)
     settled, path = len(final), [*final[first:], *growing]
@@ -132,7 +141,7 @@ def stretches(
         if stretch is None or not stretch.stands:
             around = starts[i], starts[i + 1], starts[i + 2]
             turns = None if is_turn is None else partial(is_turn, *around[1:])
-            found_kind = verdict(online.lattice, ended, turns)
+            found_kind = verdict(online.lattice, ended, turns, states(*around[1:]))
             stretch = _stretch(online, found_kind, around, first + i, settled, stretch)
         found.append(stretch)
     return found

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.changepoint.channel_model import ModelInput
+from caesura_service.changepoint.constant_models import HoldingStates
 from caesura_service.changepoint.turn_resistance import torsion_of
 from caesura_service.constants import HANDS_BREADTH_M, JOINTS_MOST, REST_M_PER_S, TARED_BIAS_N, UP
 from caesura_service.program import Moment
@@ -26,7 +27,8 @@ Row = tuple[float, ...]
 _T, _POSITION, _FORCE = 0, slice(1, 4), slice(4, 7)
 _SUMS, _HOLDING, _AFTER_GAP, _GRIPPER = slice(7, 9), 9, 10, 11
 _ORIENTATION, _JOINTS = slice(12, 16), slice(16, 16 + JOINTS_MOST)  # nan where unknown, as the gripper
-_SCALE, _ROTATION, _TORQUE, _BOUNDARY, _COLUMNS = 24, slice(25, 28), slice(28, 31), 31, 32
+_SCALE, _ROTATION, _TORQUE, _BOUNDARY = 24, slice(25, 28), slice(28, 31), 31
+_STATES, _CHANGES, _COLUMNS = 32, 33, 34  # of the gripper so far: those that are known, and their changes
 _ROW = struct.Struct(f"{_COLUMNS}d")
 _NO_ORIENTATION, _NO_JOINTS, _UNTURNED = (np.nan,) * 4, (np.nan,) * JOINTS_MOST, (0.0,) * 3
 _NO_TORQUE = (np.nan,) * 3
@@ -50,6 +52,8 @@ class ObservationStore:
         self._up = UP if upright is None else tuple(upright[2].tolist())
         self._log, self._count = AppendLog(), 0  # observations
         self._sum = self._sum2 = 0.0  # of the vertical force [N] and its square [N²]
+        self._states = self._changes = 0  # of the gripper
+        self._state = np.nan  # the last one that is known
         self._row = lru_cache(ROWS_AT_HAND)(partial(_read, self._log))
         self._forces = lru_cache(PRESSES_AT_HAND)(partial(_read_forces, self._log))
 
@@ -67,6 +71,7 @@ class ObservationStore:
         vertical_n = force[2] if self._upright is None else sum(map(mul, self._up, force))
         self._sum += vertical_n
         self._sum2 += vertical_n * vertical_n
+        self._count_state(state := holding(observation))
         orientation, joints, width = observation.orientation, observation.joints, observation.gripper_width
         self._log.append(
             _ROW.pack(
@@ -75,7 +80,7 @@ class ObservationStore:
                 *force,
                 self._sum,
                 self._sum2,
-                holding(observation),
+                state,
                 observation.after_gap,
                 np.nan if width is None else width,
                 *(_NO_ORIENTATION if orientation is None else orientation.tolist()),
@@ -84,9 +89,29 @@ class ObservationStore:
                 *(_UNTURNED if observation.rotation is None else observation.rotation.tolist()),
                 *(_NO_TORQUE if observation.torque_base is None else observation.torque_base.tolist()),
                 np.nan if observation.boundary_before is None else observation.boundary_before,
+                self._states,
+                self._changes,
             )
         )
         self._count += 1
+
+    def _count_state(self, state: float) -> None:
+        """Count a state of the gripper, and whether it differs from the one known before; nan is no state."""
+        if not math.isnan(state):
+            self._states += 1
+            self._changes += not math.isnan(self._state) and state != self._state
+            self._state = state
+
+    def holding_states(self, start: int, end: int) -> HoldingStates | None:
+        """Return the known states of the gripper from start to end, not included; None without one."""
+        last, before = self._row(end - 1), self._row(start - 1)[_STATES] if start else 0.0
+        known = last[_STATES] - before
+        if not known:
+            return None
+        first = bisect_left(range(end), before + 1.0, start, key=lambda index: self._row(index)[_STATES])
+        row = self._row(first)
+        changes = int(last[_CHANGES] - row[_CHANGES])
+        return HoldingStates(row[_HOLDING], int(known) - 1 - changes, changes)
 
     def observed(self, index: int) -> ModelInput:
         """Return an observation as the input of the segment models."""

@@ -141,7 +141,14 @@ class Segmenter:
         self._final += self.unlooked
         known = {start: seen.stretch for start, seen in self._seen.items()}
         named = self._is_turn if self._orientation and self._preset.turn_share else None
-        found = stretches(self.online, len(self.settled), decided=self._decided, known=known, is_turn=named)
+        found = stretches(
+            self.online,
+            len(self.settled),
+            decided=self._decided,
+            known=known,
+            is_turn=named,
+            states=self._history.holding_states,
+        )
         fresh = [self._as_said(stretch) for stretch in found]
         every, first = [*self._baseline, *fresh], len(self._baseline)
         seen: list[_Seen] = []

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from caesura_service.changepoint.channel_model_checks import NOWHERE, rows_after
+from caesura_service.changepoint.constant_models import GripperHoldingChain, HoldingStates
+from caesura_service.changepoint.default_presets import DEFAULT
 from caesura_service.changepoint.evidence_window import PathSegment
 from caesura_service.changepoint.rate_of_change_bounds import RateOfChangeBounds
 from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
 from caesura_service.changepoint.segments import Classification, verdict
+from caesura_service.segmentation.observation_store import ObservationStore
+from service.sessions.observing import observation
 
 KINDS = (
     SegmentKind("motion", "motion", "free", ("any",)),
@@ -42,6 +49,38 @@ def test_the_name_has_the_probability_of_movement_and_turning_together() -> None
     assert turned.runner_up == KINDS[1]
     assert turned.log_odds == pytest.approx(2.0)
     assert moved.runner_up == KINDS[3]
+
+
+@pytest.mark.parametrize("power", [1.0, 0.5])
+def test_a_gripper_is_believed_by_how_often_it_errs_whatever_the_power(power: float) -> None:
+    """The other signals of the segment fit a movement and a load alike."""
+    lattice = replace(DEFAULT, power=power).lattice()
+    moves, carries = (place_of(lattice, contact) for contact in ("free", "transport"))
+    evidence = np.full(len(lattice.kinds), -1000.0)
+    for place, chain in ((moves, "empty"), (carries, "holding")):
+        rows = rows_after(lattice.channels[chain], [NOWHERE._replace(holding=1.0)] * 10)
+        evidence[place] = lattice.log_weight[place] + lattice.channels[chain].log_evidence(rows)[0]
+    ended = PathSegment(0, evidence)
+    assert verdict(lattice, ended, states=HoldingStates(1.0, 9, 0)).probability == pytest.approx(0.99)
+    assert (verdict(lattice, ended).probability == pytest.approx(0.99)) == (power == 1.0)
+
+
+def place_of(lattice: SegmentModelSet, contact: str) -> int:
+    kinds = enumerate(lattice.kinds)
+    return next(i for i, one in kinds if one.motion == "motion" and one.contact == contact)
+
+
+@pytest.mark.parametrize("seen", [(1.0,), (0.0, 0.0, 1.0), (np.nan, 1.0, np.nan, 0.0, 1.0, 1.0)])
+def test_the_likelihood_of_the_known_states_is_the_evidence_of_their_chain(seen: tuple[float, ...]) -> None:
+    chain, history = GripperHoldingChain(0.2, change=0.1), ObservationStore()
+    for index, state in enumerate((1.0, *seen)):
+        closed = None if np.isnan(state) else bool(state)
+        history.append(replace(observation(index, 0.0), gripper_closed=closed))
+    states = history.holding_states(1, 1 + len(seen))
+    assert states is not None
+    inputs = [NOWHERE._replace(holding=state) for state in seen]
+    expected = chain.log_evidence(rows_after(chain, inputs))[0]
+    assert chain.log_likelihood(states) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("evidence", [(0.0, 3.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 3.0, 0.0)])

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from caesura_service.changepoint.constant_models import HoldingStates
 from caesura_service.program import Moment
 from caesura_service.segmentation.observation_store import PRESS_LOOKS, ObservationStore
 from caesura_service.segmentation.overflow_file import BLOCK
@@ -116,6 +117,20 @@ def test_a_press_of_any_length_is_looked_at_where_it_was(
     for seen in every[start : end : -(-(end - start) // PRESS_LOOKS)]:
         looks.append(seen)
     assert history.press(start, end) == looks.press(0, len(looks))
+
+
+def test_the_states_of_a_gripper_in_any_span_are_those_that_are_known_in_it() -> None:
+    states = np.random.default_rng(3).choice([0.0, 1.0, np.nan], 60, p=[0.2, 0.2, 0.6])
+    history = ObservationStore()
+    for index, state in enumerate(states):
+        closed = None if np.isnan(state) else bool(state)
+        history.append(replace(observation(index, 0.0), gripper_closed=closed))
+    for start in range(60):
+        for end in range(start + 1, 61):
+            known = [state for state in states[start:end] if not np.isnan(state)]
+            changes = int(np.count_nonzero(np.diff(known)))
+            expected = HoldingStates(known[0], len(known) - 1 - changes, changes) if known else None
+            assert history.holding_states(start, end) == expected
 
 
 def test_memory_does_not_grow_with_what_is_remembered() -> None:

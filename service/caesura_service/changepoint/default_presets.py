@@ -80,6 +80,7 @@ STROKES_REFRACTORY_S = 0.2
 # Of 1, 0.7, 0.5 and 0.35 the one with which stated probabilities and intervals come nearest to the share that
 # is right, on simulated people 4201 to 4210 and the open annotations (docs/judge.md).
 JOINT_POWER = 0.5
+LEVEL_GOES_ON = 0.05  # of 0.5 and 0.05 the one with fewer errors (docs/judge_appendix.md)
 CERTAIN = 0.96  # the log odds 4.6 of 0.99, at the power 0.7 that it was chosen at, are those of 0.96 at 0.5
 DURATIONS_S = np.geomspace(0.4, 5.0, 16)  # of strokes; real ones last 0.3–3.4 s
 CALM = 0.3  # a stroke's residuals at rest, as a share of those at its fastest
@@ -156,8 +157,9 @@ _LADEN_WEIGHT = 0.03
 
 
 def continued(level: FreeSpaceForce) -> ContinuedLevel:
-    """Return a level that goes on from a refractory time before the start, or is new, with even odds."""
-    return ContinuedLevel(level, memory=round(REFRACTORY_S / STEP_S))
+    """Return a level that is new, or sometimes that of the refractory time of movement before the start."""
+    memory = round(REFRACTORY_S / STEP_S)
+    return ContinuedLevel(level, LEVEL_GOES_ON, memory, away=REST_M_PER_S * PAUSE_S)
 
 
 def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:

@@ -134,9 +134,9 @@ def _free_space() -> Iterator[tuple[str, Entry]]:
         yield f"laden, {name}", Entry(LoadForce(noise, 1.5), APART, "force")
         yield f"laden, {name}, absence", Entry(LoadForce(noise, 1.5, absence=3.0), WEIGHTED, "force")
         for level in (FreeSpaceForce(noise, 1.5, absence=3.0, most_kg=0.1), LoadForce(noise, 1.5)):
-            mixture = ContinuedLevel(level, memory=1)
+            mixture = ContinuedLevel(level, 0.3, memory=1)
             yield f"continued {type(level).__name__}, {name}", Entry(mixture, MIXED, "force")
-        known = ContinuedLevel(FreeSpaceForce(replace(noise, nu0=CERTAIN), 1.5), memory=1)
+        known = ContinuedLevel(FreeSpaceForce(replace(noise, nu0=CERTAIN), 1.5), 0.5, memory=1)
         yield f"continued, {name}, noise known", Entry(known, DENSITY, "force")
 
 

@@ -13,9 +13,9 @@ import pytest
 from scipy import integrate
 
 from caesura_service.changepoint import channel_model_checks
-from caesura_service.changepoint.channel_model import ModelInput
-from caesura_service.changepoint.channel_model_checks import NOWHERE, everywhere, mass, rows_after
-from caesura_service.changepoint.constant_models import FreeSpaceForce, GripperHoldingChain
+from caesura_service.changepoint.channel_model import ChannelModel, ModelInput
+from caesura_service.changepoint.channel_model_checks import everywhere, mass, rows_after
+from caesura_service.changepoint.constant_models import GripperHoldingChain
 from caesura_service.changepoint.continued_level import ContinuedLevel
 from caesura_service.changepoint.corner_weight import CornerWeight
 from caesura_service.changepoint.default_presets import default_channels
@@ -234,35 +234,41 @@ def test_every_sum_over_parameters_is_compared_with_a_model() -> None:
     assert set(QUADRATURE) <= {type(entry.model) for entry in MODELS.values()}
 
 
-def cost_of_a_start(model: FreeSpaceForce | ContinuedLevel, forces: np.ndarray) -> float:
-    """By how much a segment of these forces (n, 3) [N] explains them better than two halves of it do."""
-    half = len(forces) // 2
-    rows = rows_after(model, [NOWHERE._replace(force=force) for force in forces[:half]])
+def inputs(forces: np.ndarray, step_m: float = 0.01) -> list[ModelInput]:
+    """Forces (n, 3) [N] of an arm that moves by this step from one observation to the next."""
+    places = np.outer(np.arange(len(forces)), [step_m, 0.0, 0.0])
+    return [ModelInput(place, force) for place, force in zip(places, forces, strict=True)]
+
+
+def cost_of_a_start(model: ChannelModel, seen: list[ModelInput]) -> float:
+    """By how much one segment explains the observations better than two, each of a half of them, do."""
+    half = len(seen) // 2
+    rows = rows_after(model, seen[:half])
     first = model.log_evidence(rows)[0]
-    rows = rows_after(model, [NOWHERE._replace(force=force) for force in forces[half:]], rows)
-    whole, second = model.log_evidence(rows)[[0, half]]
+    whole, second = model.log_evidence(rows_after(model, seen[half:], rows))[[0, half]]
     return float(whole - first - second)
 
 
-@pytest.mark.parametrize("varies_n", [0.05, 0.1, 0.2, 0.5, 1.0])
-def test_a_start_under_the_same_force_costs_less_than_half_of_what_a_new_level_does(varies_n: float) -> None:
-    continued = default_channels(1.5)["untouched"]
-    assert isinstance(continued, ContinuedLevel)
+@pytest.mark.parametrize(("varies_n", "saved"), [(0.05, 8.0), (0.1, 5.0), (0.2, 1.5), (0.5, 0.5), (1.0, 0.5)])
+def test_a_start_in_a_movement_costs_less_than_a_new_level_does(varies_n: float, saved: float) -> None:
+    mixture = default_channels(1.5)["untouched"]
+    assert isinstance(mixture, ContinuedLevel)
     draws = [np.random.default_rng(seed).normal([0.5, 0.0, -1.0], varies_n, (24, 3)) for seed in range(8)]
-    mixed, fresh = (
-        np.mean([cost_of_a_start(model, forces) for forces in draws])
-        for model in (continued, continued.level)
+    moving, resting, new = (
+        np.mean([cost_of_a_start(model, inputs(forces, step_m)) for forces in draws])
+        for model, step_m in ((mixture, 0.01), (mixture, 0.0), (mixture.level, 0.01))
     )
-    assert 0.0 < 2.0 * mixed < fresh
+    assert resting == pytest.approx(new, abs=1e-3)
+    assert 0.0 < moving < new - saved
 
 
 def test_after_a_contact_the_level_is_new() -> None:
-    continued = default_channels(1.5)["untouched"]
-    assert isinstance(continued, ContinuedLevel)
+    mixture = default_channels(1.5)["untouched"]
+    assert isinstance(mixture, ContinuedLevel)
     forces = np.random.default_rng(0).normal(0.0, 0.2, (12, 3))
     forces[:6] += [12.0, 0.0, 9.0]
-    seen = [NOWHERE._replace(force=force) for force in forces]
-    fresh, mixed = (model.log_evidence(rows_after(model, seen))[6] for model in (continued.level, continued))
+    seen = inputs(forces)
+    fresh, mixed = (model.log_evidence(rows_after(model, seen))[6] for model in (mixture.level, mixture))
     assert mixed == pytest.approx(fresh, abs=1e-3)
 
 

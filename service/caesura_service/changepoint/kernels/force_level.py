@@ -13,6 +13,7 @@ from caesura_service.changepoint.kernels.residual_evidence import (
     by_length,
     fill_length,
     log_absence,
+    log_presence,
     over_axes,
     whole,
 )
@@ -163,10 +164,20 @@ def go_on(here, c, newborn):
         add_past(sums, at, newborn, past, i, channel, i > now - channel.memory)
         log_q += log_absence(beyond_squared(past[i], FORCES, channel), channel.absence)
     log_q += log_bias(sums, at, newborn, channel)
+    log_q += log_presence(squared_way(past, now - channel.memory, now - 1), channel.away)
     known = evidence_before(here, c, at, newborn)
     add_past(sums, at, newborn, past, now, channel, True)
     odds = channel.field + LOG_ODDS
     sums[odds, newborn], sums[odds + 1, newborn] = math.log1p(-math.exp(log_q)), log_q - known
+
+
+@compiled
+def squared_way(past, first, last):
+    """Return the squared distance [m²] between the positions of two observations of the past."""
+    total = 0.0
+    for a in range(AXES):
+        total += (past[last, a] - past[first, a]) ** 2
+    return total
 
 
 @compiled

@@ -262,7 +262,11 @@ def _laden(model: LoadForce) -> Record:
 
 
 def _continued(model: ContinuedLevel) -> Record:
-    whether = {"memory": model.memory, "log_continued": np.log(model.probability)}
+    whether = {
+        "memory": model.memory,
+        "log_continued": np.log(model.probability),
+        "away": model.away,
+    }
     return {**RECORDS[type(model.level)](model.level), **whether}
 
 

@@ -1,5 +1,8 @@
 """Compares the demands of a movement on the robot with its limits, at every millisecond.
 
+A reproduced path is a polynomial between two via points, and its jerk jumps at each of them. So its joints
+are a polynomial of each part between them, too: a spline across via points would smooth the jumps.
+
 A load limits the acceleration: its inertia may exert at most `LOAD_N` on the fingers. So the flange
 accelerates by at most `LOAD_N` divided by the load. A larger force would appear as a contact (4 N), or as a
 load of another weight (3.5 N).
@@ -10,8 +13,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
 
 from caesura_lab.execution.joint_speeds import JOINT_SHARE
 from caesura_protocol.programs.safety import PLANNED_SHARE, Safety
@@ -23,8 +26,10 @@ Array = NDArray[np.float64]
 LOAD_N = 2.0
 SHARE = 0.88  # of an acceleration or a jerk that is planned with: the arm does not follow exactly
 SPEED_SHARE = 0.97  # of the speeds from which on the executor slows a movement down
-LOOK_S, TICK_S = 4e-3, 1e-3  # between two inverse kinematics; between two looks
-FEWEST = 24  # inverse kinematics of a movement
+TICK_S = 1e-3  # between two looks
+PART_S, SOLVED = 0.04, 7  # a part of a path at most; inverse kinematics in a part, at both of its ends, too
+PLACES = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, SOLVED))  # of these: Chebyshev's points
+TO_POWERS = np.linalg.inv(np.vander(PLACES, increasing=True))
 LEAST_RISE_S, MOST_RISE_S = 0.02, 0.04
 
 
@@ -75,22 +80,40 @@ def hurry(curve: Curve, still: Array, robot: Robot, q: Array, limits: MotionLimi
     still: (4,) quaternion where the curve has none; q: (n,) joints at its start. Raises ReachError, and
     ValueError where a joint passes the limits of its position.
     """
-    seconds = float(curve.t[-1])
-    t = np.linspace(0.0, seconds, max(round(seconds / LOOK_S), FEWEST) + 1)
+    begins, t = _parts(curve.t)
     poses = poses_at(curve, t, still)
     joints = robot.joints_along(poses, q)
     if (joints < limits.lower).any() or (joints > limits.upper).any():
         raise ValueError("a joint passes the limits of its position on the way")
-    motion = make_interp_spline(t, np.column_stack([joints, poses[:, :3]]), k=5)
-    ticks = np.arange(0.0, seconds, TICK_S)
+    rates = _every_tick(begins, np.column_stack([joints, poses[:, :3]]))
     flange = (limits.speed, limits.acceleration, limits.jerk)
     most = curve.peaks()[1] / limits.turn
     for order in (1, 2, 3):
-        rates = motion.derivative(order)(ticks)
+        rates = np.diff(rates, axis=0) / TICK_S
         share = float((np.abs(rates[:, : robot.joints]) / limits.joints[order - 1]).max())
         share = max(share, float(np.linalg.norm(rates[:, robot.joints :], axis=1).max()) / flange[order - 1])
         most = max(most, share ** (1.0 / order))
     return most
+
+
+def _parts(knots: Array) -> tuple[Array, Array]:
+    """Return the times (k + 1,) [s] at which parts begin and the last ends, and those of all `PLACES`."""
+    legs = np.diff(knots)
+    counts = np.ceil(legs / PART_S).astype(int)
+    seconds = np.repeat(legs / counts, counts)
+    begins = np.append(knots[0], knots[0] + np.cumsum(seconds))
+    places = begins[:-1, None] + seconds[:, None] * PLACES[:-1]
+    return begins, np.append(places.ravel(), begins[-1])
+
+
+def _every_tick(begins: Array, values: Array) -> Array:
+    """Return values (n, c) at every millisecond, from those at the times of `_parts`."""
+    ticks = np.arange(begins[0], begins[-1] + 0.5 * TICK_S, TICK_S)
+    part = np.searchsorted(begins[1:-1], ticks, side="right")
+    shares = (ticks - begins[part]) / np.diff(begins)[part]
+    places = sliding_window_view(values, SOLVED, axis=0)[:: SOLVED - 1]
+    coefficients = places @ TO_POWERS.T
+    return np.asarray(np.einsum("np,ncp->nc", shares[:, None] ** np.arange(SOLVED), coefficients[part]))
 
 
 def poses_at(curve: Curve, t: Array, still: Array) -> Array:

@@ -51,7 +51,8 @@ FINE = 200  # looks at a leg of the taught path
 PLACES = 2000  # at which two paths are compared
 KNOT_M, FEWEST, MOST = 0.004, 40, 80  # of the way, between two inverse kinematics; how many of them
 VIA_S, FEWEST_VIA, MOST_VIA = 0.025, 6, 60  # between two via points
-ROUNDS, EVEN = 5, 0.01  # of scaling a movement that a contact ends; by which it may be slower than need be
+ROUNDS, EVEN = 8, 0.01  # of scaling a movement that a contact ends; by which it may be slower than need be
+STEP, FAR = 0.04, 1.3  # by which it gets slower at least; a factor from which on it is far from its time
 REACH_M = 1e-3  # from the start of the path
 OFF_M, OFF_RAD = 1e-3, math.radians(0.5)  # from the taught path to the re-timed one
 FINGERS_DOWN = (1.0, 0.0, 0.0, 0.0)
@@ -60,6 +61,7 @@ SMOOTHNESS = -10.0, 1.0  # decimal logarithms of the least and the largest weigh
 HALVINGS = 8  # rounds in which the largest weight is found that is near enough
 LOOKS, FIXED = 2, 1e6  # at a path between two knots; weight of its ends
 CREPT_M = 0.5 * ASTRAY_M  # the executor goes onto a path whose start is up to `ASTRAY_M` away
+TOO_FAST = "the hand was faster than the limits allow, of the robot or towards a contact"
 TICKS_PER_S = 1000.0  # a movement takes whole ticks of the robot's controller
 
 
@@ -93,6 +95,8 @@ def optimal(
             limits = limits_of(robot, program.safety, app.load_kg or 0.0)
             try:
                 steps[index] = _fastest(app, following, np.array(still), robot, limits, program.safety)
+                if steps[index].tn - steps[index].t0 > app.tn - app.t0:
+                    notes.append(f"{app_name(index, app.kind)} lasts longer than taught: {TOO_FAST}.")
             except ValueError as error:
                 notes.append(f"{app_name(index, app.kind)} is not re-timed: {error}.")
         still = app.orientation or still
@@ -136,7 +140,10 @@ def _fastest(
 
     if until is None:
         made = timed(AT_REST)
-        return _lasting(made, of_limits(_from_zero(curve_of(made))) * (made.tn - made.t0))
+        factor = of_limits(_from_zero(curve_of(made)))
+        made = _lasting(made, factor * (made.tn - made.t0))
+        # A jerk that peaks between two looks is seen once the movement is much slower.
+        return made if factor < FAR else _scaled(made, lambda one: of_limits(_from_zero(curve_of(one))))
     found = list[ProgramStep]()
     for arrival in (Arrival(safety.contact_speed_m_per_s, SLOW_M, BRAKE_M_PER_S2), AT_REST):
         # Aslant to the contact the speed of the way is not that of the contact: rest may be the better end.
@@ -154,16 +161,25 @@ def _fastest(
 
 
 def _scaled(made: ProgramStep, hurried: Callable[[ProgramStep], float]) -> ProgramStep:
-    """Return the app in the least time for which `hurried` is at most 1. Raises TimeLawError without one."""
-    least_s = made.tn - made.t0
+    """Return the app in the least time for which `hurried` is at most 1. Raises TimeLawError without one.
+
+    Towards a contact `hurried` does not fall steadily with the time, because the knots of the executor's path
+    lie elsewhere each time. So the first steps are small, and none is smaller than `STEP`.
+    """
+    least_s, too_fast_s = made.tn - made.t0, 0.0
     best: ProgramStep | None = None
-    for _ in range(ROUNDS):
-        factor = hurried(made)
-        if factor <= 1.0 and (best is None or made.tn < best.tn):
-            best = made
-        if 1.0 - EVEN < factor <= 1.0 or (factor <= 1.0 and made.tn <= made.t0 + least_s + EVEN):
-            break
-        made = _lasting(made, max(factor * (made.tn - made.t0) / (1.0 - 0.5 * EVEN), least_s))
+    for number in range(1, ROUNDS + 1):
+        seconds, factor = made.tn - made.t0, hurried(made)
+        slower = factor / (1.0 - 0.5 * EVEN)
+        if factor > 1.0:
+            too_fast_s = seconds
+            if factor < FAR:
+                slower = min(max(slower, 1.0 + STEP), 1.0 + number * STEP)
+        else:
+            best = made if best is None or made.tn < best.tn else best
+            if factor > 1.0 - EVEN or seconds <= max(least_s + EVEN, too_fast_s * (1.0 + STEP + EVEN)):
+                break
+        made = _lasting(made, max(slower * seconds, least_s))
     if best is None:
         raise TimeLawError(f"no time within the limits after {ROUNDS} rounds")
     return best
@@ -256,13 +272,16 @@ def _smoothed(places: Array, poses: Array, left_m: float, left_rad: float) -> BS
 def _with_flange(way: _Way, limits: MotionLimits) -> tuple[Array, Array, Array]:
     """Return joints, length and turn of the flange (k, n + 2), with limits of velocity and acceleration.
 
-    The limits are (n + 2,).
+    The limits are (n + 2,). The law jumps from one limit of an acceleration to the other, and is averaged
+    over `rise_s`: the limit is one at which that jump keeps the jerk, too.
     """
     step = np.diff(way.poses, axis=0)
     moved = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step[:, :3], axis=1))])
     turned = np.concatenate([[0.0], np.cumsum(2.0 * np.linalg.norm(step[:, 3:], axis=1))])
     velocity = np.append(limits.joints[0], (limits.speed, limits.turn))
     acceleration = np.append(limits.joints[1], (limits.acceleration, limits.acceleration / TURNED_M))
+    jerk = np.append(limits.joints[2], (limits.jerk, limits.jerk / TURNED_M))
+    acceleration = np.minimum(acceleration, 0.5 * limits.rise_s * jerk)
     return np.column_stack([way.joints, moved, turned]), velocity, acceleration
 
 

@@ -5,7 +5,8 @@ it with a limit that no robot arm exceeds. Statistics are robust: a few outliers
 margin: a value beyond one is probably in another unit. A declared unit is accepted; `doubts` reports its
 values beyond a limit, or below those of any robot arm.
 
-Pure. Recordings, bridge, service and doctor use the same table.
+Recordings, bridge, service and doctor use the same table. A stated robot whose joints turn further has its
+own limit.
 
 >>> t = np.arange(100) / 100
 >>> print(implausible(t, {"pos": np.tile([400.0, 0.0, 300.0], (100, 1))}))
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 
 from caesura_protocol.codec import signals_of
 from caesura_protocol.messages import Quantity
+from caesura_protocol.robots import RobotError, robot_description
 from caesura_protocol.sample_limits import WIDEST_M
 
 Array = NDArray[np.float64]
@@ -162,13 +164,14 @@ def implausible(
     *,
     length_unit: str = "m",
     declared: Collection[str] = (),
+    robot: str | None = None,
 ) -> Implausible | None:
     """Return the first implausible quantity of these samples, or None.
 
     t: (n,) [s]; signals: name → (n, width); positions in `length_unit`, joints [rad], forces [N]. declared:
-    quantities whose unit was declared; they are not checked.
+    quantities whose unit was declared; they are not checked. robot: the stated arm, by its name.
     """
-    checks = (check for check in CHECKS if check.quantity not in declared)
+    checks = (check for check in _checks_of(robot) if check.quantity not in declared)
     for check, value in _measured(checks, t, signals, length_unit):
         if value > check.limit:
             stated = length_unit if check.quantity == "length" else WIRE_UNIT[check.quantity]
@@ -177,20 +180,41 @@ def implausible(
     return None
 
 
+def _checks_of(robot: str | None) -> Iterator[_Check]:
+    """Yield the checks, with the limit of a robot that is known here where its joints turn further."""
+    try:
+        turn_rad = 0.0 if robot is None else robot_description(robot).most_turn_rad
+    except RobotError:
+        turn_rad = 0.0
+    for check in CHECKS:
+        further = check.quantity == "angle" and turn_rad > check.limit
+        yield check._replace(limit=turn_rad) if further else check
+
+
 def doubts(
-    t: Array, signals: Mapping[str, Array], *, length_unit: str, declared: Collection[str], clean_force: bool
+    t: Array,
+    signals: Mapping[str, Array],
+    *,
+    length_unit: str,
+    declared: Collection[str],
+    clean_force: bool,
+    robot: str | None = None,
 ) -> tuple[str, ...]:
     """Return a sentence on each contradiction to the stated units; the samples are segmented nevertheless.
 
     Arguments as in `implausible`. clean_force: whether the force is a flange sensor's: its bias alone exceeds
     the least plausible force.
     """
+
+    def others(quantity: Quantity) -> set[str]:
+        return {*QUANTITIES} - {quantity}
+
     stated = {*declared, *(["length"] if length_unit != WIRE_UNIT["length"] else [])}
     found = [
         f"{str(one).rpartition(': ')[0]}: is the declared unit right?"
         for quantity in QUANTITIES
         if quantity in declared
-        and (one := implausible(t, signals, length_unit=length_unit, declared={*QUANTITIES} - {quantity}))
+        and (one := implausible(t, signals, length_unit=length_unit, declared=others(quantity), robot=robot))
     ]
     checks = (one for one in LEAST if one.quantity in stated or (clean_force and one.quantity == "force"))
     for check, value in _measured(checks, t, signals, length_unit):
@@ -259,12 +283,14 @@ def _likely(check: _Check, value: float, stated: str) -> str | None:
 class FirstSecond:
     """Checks the first second of a stream; a finding is kept.
 
-    columns: of the stream, `t` first; length_unit, declared: as in `implausible`.
+    columns: of the stream, `t` first; length_unit, declared, robot: as in `implausible`.
     """
 
-    def __init__(self, columns: Sequence[str], length_unit: str, declared: Collection[str]) -> None:
+    def __init__(
+        self, columns: Sequence[str], length_unit: str, declared: Collection[str], robot: str | None = None
+    ) -> None:
         self._columns = tuple(columns)
-        self._length_unit, self._declared = length_unit, tuple(declared)
+        self._length_unit, self._declared, self._robot = length_unit, tuple(declared), robot
         self._rows: list[Array] = []
         self._count, self._next = 0, LEAST_SAMPLES
         self._found: Implausible | None = None
@@ -296,6 +322,7 @@ class FirstSecond:
                 signals_of(self._columns, matrix),
                 length_unit=self._length_unit,
                 declared=self._declared,
+                robot=self._robot,
             )
         if ends or self._found is not None:
             self._over, self._rows = True, []

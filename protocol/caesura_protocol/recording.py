@@ -162,7 +162,13 @@ class Recording:
     @property
     def implausible(self) -> Implausible | None:
         """The first quantity that is probably in another unit than the recording states, or None."""
-        return implausible(self.t, self.signals, length_unit=self.length_unit, declared=self.declared_units)
+        return implausible(
+            self.t,
+            self.signals,
+            length_unit=self.length_unit,
+            declared=self.declared_units,
+            robot=self.setting.robot,
+        )
 
     @property
     def doubts(self) -> tuple[str, ...]:
@@ -173,6 +179,7 @@ class Recording:
             length_unit=self.length_unit,
             declared=self.declared_units,
             clean_force=self.wrench_source == "flange_sensor",
+            robot=self.setting.robot,
         )
 
     @property

@@ -87,8 +87,8 @@ def main() -> None:
     """Print a row for each recording."""
     name_of_robot = sys.argv[1] if len(sys.argv) > 1 else PANDA
     robot = load_robot(name_of_robot)
-    head = "recording        taught   fast  shorter   runs  moves   v    a    j   flange a    j  off path    CPU"
-    print(head)
+    columns = "   v    a    j   flange a    j  off path    CPU"
+    print(f"recording        taught   fast  shorter   runs  moves{columns}")
     for name in RECORDINGS:
         apps = segment_recording(recorded(name, name_of_robot)).apps
         taught = document_of_apps(apps, name, with_low_floor(safety_for(name_of_robot)))

@@ -115,7 +115,9 @@ class Bridge:
         self._open = _opening(source, self.session, epoch, preset, self.settings.setting, description)
         self._holds_token = holds_token
         opening = self._open
-        self._first_second = FirstSecond(opening.columns, opening.length_unit, opening.declared_units)
+        self._first_second = FirstSecond(
+            opening.columns, opening.length_unit, opening.declared_units, opening.robot
+        )
         self._pose_readings = PoseReadings(opening.columns)
         self._ring = ReplayRing(
             span_s=self.settings.ring_span_s,

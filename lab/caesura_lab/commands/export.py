@@ -69,7 +69,9 @@ def export_recording(
         copied = out.suffix in WRITERS and file_format is None  # without results
         recordings = []
         for file in found:
-            recording = load_recording(file, **reading._asdict(), mapping=mapping, as_stated=copied)
+            recording = load_recording(
+                file, **reading._asdict(), robot=asked.robot, mapping=mapping, as_stated=copied
+            )
             for line in (ignored_line(recording), *recording.assumed, *recording.cautions, *recording.doubts):
                 if line:
                     typer.echo(f"{file}: {line}" if len(found) > 1 else line, err=True)

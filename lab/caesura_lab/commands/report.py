@@ -39,7 +39,7 @@ def report(
     """Draw a recording as it is divided: signals, path, tables, and what the filter believed when."""
     with reported():
         _writable(out)
-        recording = load_recording(file, **reading._asdict(), mapping=mapping)
+        recording = load_recording(file, **reading._asdict(), robot=asked.robot, mapping=mapping)
         beside = truth_file(file)
         annotation = truth or (beside if beside.is_file() else None)
         recording = replace(recording, setting=asked.setting().completed_by(recording.setting))

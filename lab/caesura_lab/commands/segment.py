@@ -54,7 +54,9 @@ class _Job(NamedTuple):
 
     def segmented(self, file: Path) -> _Segmented:
         """Read and segment a file. Raises CaesuraError, ProtocolError."""
-        recording = load_recording(file, **self.reading._asdict(), mapping=self.mapping)
+        recording = load_recording(
+            file, **self.reading._asdict(), robot=self.asked.robot, mapping=self.mapping
+        )
         recording = replace(recording, setting=self.asked.setting().completed_by(recording.setting))
         view = segmented(without_confirmed(recording), self.preset, self.threshold)
         return _Segmented(file, recording, view, recording_warnings(recording, self.preset))

@@ -62,6 +62,7 @@ from caesura_protocol.recording import (
     unit_remedy,
     wrong_option,
 )
+from caesura_protocol.robots import robot_description
 from caesura_protocol.up_direction import parse_up, up_text
 from caesura_protocol.wrench_faults import read_wrench
 
@@ -81,6 +82,7 @@ def load_recording(
     angle_unit: str | None = None,
     force_unit: str | None = None,
     up: str | None = None,
+    robot: str | None = None,
     mapping: Path | None = None,
     check_units: bool = True,
     as_stated: bool = False,
@@ -88,7 +90,8 @@ def load_recording(
     """Read a recording: npz, csv, Caesura's MCAP, or a rosbag2; the arguments override the file's statements.
 
     force_frame: of a file that states none; one that contradicts the file is refused. up: the direction away
-    from gravity in the base frame, as `x,y,z` or an axis such as `-z`.
+    from gravity in the base frame, as `x,y,z` or an axis such as `-z`. robot: the arm, by its name or the
+    path of its description.
 
     Csv files have one column per component, named as in `columns` (t, px, py, pz, fx, …), and may state
     options in leading comment lines such as `# length_unit: mm`. mapping: a file that maps the names of a csv
@@ -98,7 +101,7 @@ def load_recording(
     (`caesura_protocol.plausibility`), and times that go back. as_stated: keep a wrench that cannot be used
     (`caesura_protocol.wrench_faults`), for a copy of the file; otherwise its source is `none` or its torque
     is left out, and `Recording.cautions` has the reason. Raises RecordingError for anything that is not a
-    recording, SourceError for a missing extra.
+    recording, SourceError for a missing extra, RobotError for an unknown robot.
     """
     stated = declared_units(length=length_unit, time=time_unit, angle=angle_unit, force=force_unit)
     overrides = {
@@ -110,7 +113,7 @@ def load_recording(
     for key, value in overrides.items():
         if value is not None and not is_option(key, value):
             raise RecordingError(wrong_option(key, value, OPTIONS[key]))
-    of_cell = _stated_up(up)
+    of_cell = _stated_up(up) | ({} if robot is None else {"robot": robot_description(robot).name})
     raw = _read(path, mapping, WrenchStatement(wrench_source, force_frame))
     arrays, options, ignored = raw.arrays, raw.options, raw.ignored
     if "t" not in arrays or not {"pos", "q"} & set(arrays):

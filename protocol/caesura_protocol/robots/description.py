@@ -9,10 +9,11 @@ import json
 import logging
 import math
 import os
-from functools import cache
+from functools import cache, cached_property
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Annotated, Literal, Self
+from xml.etree import ElementTree
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
@@ -93,6 +94,15 @@ class RobotDescription(BaseModel):
     def urdf_path(self) -> Path:
         """The path of the URDF."""
         return self.folder / self.urdf
+
+    @cached_property
+    def most_turn_rad(self) -> float:
+        """The furthest [rad] that a joint may turn from zero, by the URDF; 0 if that cannot be read."""
+        try:
+            limits = ElementTree.parse(self.urdf_path).findall("joint/limit")
+            return max(abs(float(one.get(end, "0"))) for one in limits for end in ("lower", "upper"))
+        except (ElementTree.ParseError, OSError, ValueError):
+            return 0.0
 
 
 @cache

@@ -177,7 +177,9 @@ class SegmentationPipeline:
         self._standing_notes = standing_notes(opening, preset, layout, self._in_use)
         self._upright = upright_rotation(opening.up)
         self._conditioner = Conditioner(layout)
-        self._first_second = FirstSecond(opening.columns, opening.length_unit, opening.declared_units)
+        self._first_second = FirstSecond(
+            opening.columns, opening.length_unit, opening.declared_units, opening.robot
+        )
         self._heeded = FilterConstraints()
         self._history = ObservationStore(self._upright)
         self._arm = arm

@@ -14,7 +14,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import Open
 from caesura_protocol.programs.safety import UNSET, CellSettings
-from caesura_protocol.recording import Recording
+from caesura_protocol.recording import Recording, RecordingError
 from caesura_protocol.robots import description
 from caesura_service.offline_segmentation import segment_recording
 from caesura_service.segmentation.input_notes import ASSUMED_ROBOT, UNREAD_JOINTS
@@ -34,21 +34,25 @@ PLANAR = """<robot name="planar"><link name="base"/><link name="upper"/><link na
 
 @pytest.fixture
 def planar(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """An arm of two joints in the folder CAESURA_ROBOTS."""
-    folder = tmp_path / "planar"
-    folder.mkdir()
-    (folder / "planar.urdf").write_text(PLANAR)
-    panda = json.loads((description.SHIPPED / "panda" / "robot.json").read_text())
-    two = ("acceleration_limits", "jerk_limits", "friction_nm")
-    short = {field: panda[field][:2] for field in two} | {"motor_inertia": [], "postures": [[0.0, 0.5]]}
-    named = {"name": "planar", "title": "Planar", "urdf": "planar.urdf", "joints": ["shoulder", "elbow"]}
-    placed = {"flange": "hand", "tool": None, "script": None}
-    (folder / "robot.json").write_text(json.dumps(panda | short | named | placed))
+    """Arms of two joints in the folder CAESURA_ROBOTS; those of `winding` turn by 7 rad."""
+    _write_arm(tmp_path / "planar", PLANAR)
+    _write_arm(tmp_path / "winding", PLANAR.replace('"-3"', '"-7"').replace('"3"', '"7"'))
     monkeypatch.setenv("CAESURA_ROBOTS", str(tmp_path))
     _forget_robots()
     yield "planar"
     monkeypatch.undo()
     _forget_robots()
+
+
+def _write_arm(folder: Path, urdf: str) -> None:
+    folder.mkdir()
+    (folder / "planar.urdf").write_text(urdf)
+    panda = json.loads((description.SHIPPED / "panda" / "robot.json").read_text())
+    two = ("acceleration_limits", "jerk_limits", "friction_nm")
+    short = {field: panda[field][:2] for field in two} | {"motor_inertia": [], "postures": [[0.0, 0.5]]}
+    named = {"name": folder.name, "title": "Planar", "urdf": "planar.urdf", "joints": ["shoulder", "elbow"]}
+    placed = {"flange": "hand", "tool": None, "script": None}
+    (folder / "robot.json").write_text(json.dumps(panda | short | named | placed))
 
 
 def _forget_robots() -> None:
@@ -91,6 +95,24 @@ def test_a_robot_that_does_not_fit_is_refused_with_both_values(
         make_pipeline(opening(columns, robot), "default")
     assert said in refusal.value.message
     assert refusal.value.value == (robot or list(columns))
+
+
+@pytest.mark.usefixtures("planar")
+def test_joints_may_turn_as_far_as_those_of_the_robot_that_is_stated(tmp_path: Path) -> None:
+    """An arm whose wrist turns by more than a whole turn was refused at 6.5 rad: "probably in deg"."""
+    t = np.arange(0.0, 2.0, 0.01)
+    file = tmp_path / "wound.csv"
+    np.savetxt(
+        file, np.column_stack([t, 0.0 * t, 6.5 + 0.0 * t]), delimiter=",", header="t,q1,q2", comments=""
+    )
+    wound = load_recording(file, robot="winding")
+    assert wound.setting.robot == "winding"
+    assert wound.doubts == ()
+    assert segment_recording(wound).samples == t.size
+    with pytest.raises(RecordingError, match=r"joints turn to 6.5 rad, at most 6.3 rad are plausible"):
+        load_recording(file, robot="planar")
+    degrees = replace(wound, signals={"q": 10.0 * wound.signals["q"]})
+    assert "at most 7 rad are plausible: probably in deg" in str(degrees.implausible)
 
 
 def test_six_joints_beside_a_pose_need_no_robot() -> None:

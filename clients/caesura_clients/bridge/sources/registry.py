@@ -105,6 +105,7 @@ def _file(options: SourceOptions) -> Source:
         time_unit=options.time_unit,
         angle_unit=options.angle_unit,
         force_unit=options.force_unit,
+        robot=options.robot,
         mapping=options.mapping,
     )
     if recording.has_wrench and recording.wrench_source is None:

@@ -128,7 +128,7 @@ ACTIONS = {
     "TeachGoal": {"station", "session", "task", "operator"},
     "TeachResult": {"success", "message", "session", "program"},
     "TeachFeedback": {"session", "segments"},
-    "RunGoal": {"station", "session", "format", "host", "gripper", "unchecked"},
+    "RunGoal": {"station", "session", "format", "host", "robot", "gripper", "unchecked"},
     "RunResult": {"success", "message"},
     "RunFeedback": {"line"},
 }
@@ -278,7 +278,9 @@ def served(monkeypatch):
 
 
 def asked_to_run(host: str = "10.0.0.9") -> Goal:
-    return Goal(station="cell-1", session="", format="urscript", host=host, gripper="", unchecked=True)
+    return Goal(
+        station="cell-1", session="", format="urscript", host=host, robot="", gripper="", unchecked=True
+    )
 
 
 def test_a_script_that_a_controller_has_is_not_said_to_be_cancelled(served, monkeypatch):
@@ -493,6 +495,16 @@ def test_what_cannot_be_written_is_refused():
     ]
     assert said[0] == "format is 'bt', expected one of franky, xarm, urscript"
     assert "no gripper is stated" in said[1]
+
+
+def test_the_program_of_another_arm_than_the_one_at_the_host_is_refused_by_name():
+    # Both arms take URScript: the program of a UR5e was sent to a UR10e.
+    taught = as_file(press()).model_copy(update={"robot": "ur5e"})
+    done = running.run(taught, "urscript", "h", print, lambda: False, robot="ur10e", unchecked=True)
+    assert not done.success
+    assert "was taught on ur5e, not on ur10e" in done.message
+    unknown = running.run(taught, "urscript", "h", print, lambda: False, robot="ur9", unchecked=True)
+    assert "robot 'ur9' is not known" in unknown.message
 
 
 def test_urscript_is_sent_to_the_controller(monkeypatch):

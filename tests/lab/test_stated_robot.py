@@ -46,6 +46,12 @@ def test_without_a_robot_the_refusal_names_the_option(six: Path) -> None:
     assert "--robot" in refused.output
 
 
+def test_that_only_a_simulated_robot_runs_is_said_with_the_scripts_of_every_arm(six: Path) -> None:
+    """A UR5e's program was sent to a franky script."""
+    said = " ".join(caesura("execute", six).output.split())
+    assert "caesura program --format franky, urscript or xarm" in said
+
+
 def test_the_list_of_robots_has_units() -> None:
     listed = caesura("robots").output
     assert "reach [m]" in listed

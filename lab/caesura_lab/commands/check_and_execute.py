@@ -124,7 +124,8 @@ def execute(
     with reported():
         if not simulated:
             raise CaesuraError(
-                "only --simulated is run here; for a robot, write a script: caesura program --format franky"
+                "only --simulated is run here; for a robot, write a script: caesura program --format franky, "
+                "urscript or xarm, as `caesura robots` lists it for the arm"
             )
         if out is not None and out.suffix != ".npz":
             raise CaesuraError(f"{out} has suffix {out.suffix!r}, expected .npz")

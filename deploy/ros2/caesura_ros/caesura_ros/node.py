@@ -157,6 +157,7 @@ class CaesuraNode(Node):
             asked.host,
             report,
             lambda: _is_over(goal),
+            robot=asked.robot,
             gripper=asked.gripper,
             unchecked=asked.unchecked,
         )

@@ -19,7 +19,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.errors import CaesuraError
+from caesura_protocol.programs.document import ProgramFile, on_robot
 from caesura_protocol.programs.export_formats import WRITERS
 from caesura_protocol.programs.program_gripper import with_gripper
 
@@ -47,20 +48,22 @@ def run(
     report: Report,
     is_cancelled: IsCancelled,
     *,
+    robot: str = "",
     gripper: str = "",
     unchecked: bool = False,
     check: Sequence[str] = ("caesura", "check"),
 ) -> Ran:
     """Run a program as a script on the robot at `host`; `report` gets each line of it.
 
+    robot: the arm at `host`, by its name; a program of another one is refused. Empty: the program's.
     check: the command that is given the program's file first; a program that it refuses is not run.
     """
     if script not in RUNNERS:
         return Ran(False, f"format is {script!r}, expected one of {', '.join(RUNNERS)}")
     try:
-        program = with_gripper(program, gripper or None)
+        program = with_gripper(on_robot(program, robot or None), gripper or None)
         text = WRITERS[script].write(program)
-    except ValueError as error:
+    except (CaesuraError, ValueError) as error:
         return Ran(False, str(error))
     with tempfile.TemporaryDirectory(prefix="caesura-run-") as folder:
         if refusal := _refusal(program, Path(folder), check, unchecked=unchecked):

@@ -5,7 +5,9 @@ Frames and tables are written here a second time, as the makers print them, and 
 
 from __future__ import annotations
 
+import re
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from caesura_protocol.robots import robot_names
+from caesura_protocol.robots.description import SHIPPED
 from caesura_service.robot import ReachError, Robot, load_robot
 
 Array = NDArray[np.float64]
@@ -105,6 +108,15 @@ def drawn(robot: Robot, count: int, seed: int) -> Array:
 
 def test_six_arms_ship() -> None:
     assert set(ARMS) <= set(robot_names())
+
+
+def test_every_urdf_that_ships_is_in_the_notice_with_its_licence() -> None:
+    notice = (Path(__file__).parents[3] / "NOTICE").read_text("utf-8")
+    arms = {urdf.stem for urdf in SHIPPED.glob("*/*.urdf")}
+    assert arms == set(ARMS)
+    for arm_name in arms:
+        (entry,) = [part for part in notice.split("\n\n") if re.search(rf"\([^)]*\b{arm_name}\b", part)]
+        assert "License" in entry
 
 
 @pytest.mark.parametrize("name", ARMS)

@@ -206,7 +206,7 @@ def doubts(
     the least plausible force.
     """
 
-    def others(quantity: Quantity) -> set[str]:
+    def others(quantity: Quantity) -> set[Quantity]:
         return {*QUANTITIES} - {quantity}
 
     stated = {*declared, *(["length"] if length_unit != WIRE_UNIT["length"] else [])}

@@ -228,6 +228,13 @@ def test_a_demonstration_on_another_arm_is_timed_within_its_limits_at_1_khz(name
             assert sizes.max() <= most, (index, app.kind, order)
 
 
+def test_a_movement_that_lasts_longer_than_taught_is_named(robot: Robot) -> None:
+    """0.5 m in a second are faster than the cell allows: nothing said that the fastest was slower."""
+    fast = optimal(as_file((move(1.0, (0.4, -0.25, 0.4), (0.4, 0.25, 0.4)),)), robot=robot)
+    assert fast.apps[0].tn - fast.apps[0].t0 > 1.0
+    assert any("app 1 (move) lasts longer than taught: the hand was faster" in note for note in fast.notes)
+
+
 def test_what_is_in_contact_keeps_its_bits(programs: dict[str, tuple[ProgramFile, ProgramFile]]) -> None:
     kinds = []
     for taught, fast in programs.values():

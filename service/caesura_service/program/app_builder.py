@@ -98,8 +98,13 @@ def task_program(
             after = groups[number + 1 : number + 3]
             apps += build(_Group(group, before, after, rest, moment_at, force_limit_n, paths))
     apps += [_grip_app(grip, grip.t, grip.t, moment_at, 1.0, ()) for grip in rest]
-    apps = [_as_observed(app, gaps) for app in sorted(apps, key=lambda app: app.t0)]
+    apps = [_as_observed(app, gaps) for app in sorted(apps, key=_when)]
     return tuple(apps) if paths is None else with_end_velocities(apps, paths, app_before)
+
+
+def _when(app: App) -> tuple[float, float]:
+    """Return the sort key of an app: a grasp goes before the hold that begins with it."""
+    return app.t0, app.tn
 
 
 def _as_observed(app: App, gaps: Sequence[Gap]) -> App:

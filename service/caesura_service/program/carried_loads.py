@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from operator import mul
 
 import numpy as np
@@ -38,7 +39,39 @@ NOWHERE = {  # how far [m] and by how much [rad] a step leads at least, by kind;
     "motion": (TOLERANCE_M, TOLERANCE_RAD),
 }
 STANDS_S = 1.0  # a load that rests for longer where it was gripped is held there on purpose
+SPAN = ("t0", "tn", "position_start", "position_end")  # fields of a segment that a part has of its own
 SHUT_M = 0.003  # between fingers that hold nothing
+
+
+def divided_at_grips(
+    steps: Sequence[ProgramSegment], context: Context, least_s: float
+) -> list[ProgramSegment]:
+    """Return the steps; a step in the air is divided where the fingers act: before, they held something else.
+
+    A step is whole if an operator has set its kind, if it is a turn, or if none of its parts would last for
+    `least_s` [s]. An action near a contact belongs to the contact, and divides no step.
+    """
+    contacts = [step.segment for step in steps if step.touches and step.lasts(least_s)]
+    apart = [grip.t for grip in context.grips if not any(grip.is_near(one.t0, one.tn) for one in contacts)]
+    divided: list[ProgramSegment] = []
+    for step in steps:
+        segment = step.segment
+        inside = [t for t in apart if segment.t0 < t < segment.tn]
+        whole = not inside or step.touches or segment.corrected or segment.kind == "turning"
+        parts = [] if whole else _parts(step, inside, context)
+        divided += parts if any(part.lasts(least_s) for part in parts) else [step]
+    return divided
+
+
+def _parts(step: ProgramSegment, times: Sequence[float], context: Context) -> list[ProgramSegment]:
+    """Return the parts of a step between times [s] inside of it."""
+    first = step.segment
+    ends = [(first.t0, first.position_start), *((t, context.moment_at(t).position) for t in times)]
+    spans = pairwise([*ends, (first.tn, first.position_end)])
+    return [
+        replace(step, segment=first.model_copy(update=dict(zip(SPAN, (t0, tn, here, there), strict=True))))
+        for (t0, here), (tn, there) in spans
+    ]
 
 
 def in_hand(step: ProgramSegment, from_air: bool, context: Context) -> ProgramSegment:
@@ -120,15 +153,22 @@ def resting(step: ProgramSegment, context: Context) -> ProgramSegment:
     return replace(step, segment=segment.model_copy(update=still))
 
 
-def is_not_yet_held(last: ProgramSegment | None, step: ProgramSegment) -> bool:
-    """Whether a step seems to hold a load that still stands where the contact before it was.
+def is_not_yet_held(last: ProgramSegment | None, step: ProgramSegment, context: Context) -> bool:
+    """Whether a step seems to hold a load that still stands where it was grasped.
 
-    A hold of `STANDS_S` or longer is one on purpose. last: the contact, or else the step kept, before it;
-    None without one.
+    It was grasped in the contact before it, or less than `STANDS_S` before its end. A hold of `STANDS_S` or
+    longer is one on purpose. last: the contact, or else the step kept, before it; None without one.
     """
-    if last is None or not last.touches or not _is_hold(step) or step.lasts(STANDS_S):
+    if not _is_hold(step) or step.lasts(STANDS_S):
         return False
-    return length(np.subtract(step.segment.position_end, last.segment.position_end)) < OUT_M
+    grasped = max((grip.t for grip in context.grips if grip.t <= step.segment.t0), default=-math.inf)
+    if last is not None and last.touches:
+        place = last.segment.position_end
+    elif step.segment.tn - grasped < STANDS_S:
+        place = context.moment_at(grasped).position
+    else:
+        return False
+    return length(np.subtract(step.segment.position_end, place)) < OUT_M
 
 
 def as_one_hold(kept: Sequence[ProgramSegment], _context: Context) -> list[ProgramSegment]:

@@ -19,6 +19,7 @@ from caesura_protocol.messages import Vector
 from caesura_protocol.up_direction import UP
 from caesura_service.program.carried_loads import (
     as_one_hold,
+    divided_at_grips,
     hanging,
     in_hand,
     is_from_air,
@@ -74,7 +75,7 @@ def kept_steps(
     context = Context(grips, moment_at, up)
     kept: list[ProgramSegment] = []
     short: dict[int, tuple[ProgramSegment, ...]] = {}
-    for place in _places(steps, least_s):
+    for place in _places(divided_at_grips(steps, context, least_s), least_s):
         step = place.step
         read = in_hand(step, is_from_air(kept, place.touched), context)
         if not step.lasts(least_s):
@@ -125,7 +126,7 @@ def _read(
             step = still_touching(contact, last, step, context)
         else:
             step = set_down(last, step, place.ahead, context)
-    return [] if is_not_yet_held(contact or last, step) else [step]
+    return [] if is_not_yet_held(contact or last, step, context) else [step]
 
 
 def _contact_before(place: _Place, last: ProgramSegment | None, context: Context) -> ProgramSegment | None:

@@ -146,7 +146,13 @@ def test_a_last_centimetre_before_which_the_fingers_move_is_a_movement_of_its_ow
         grips=(GripperAction(2.1, "open", 0.08),),
         at=lambda t: drifted(t, pushed_n=0.0 if t < 3.0 else 9.0, at=stopping_at),
     )
-    assert [app.segments for app in made if app.segments] == [(0,), (1,), (2,)]
+    assert [app.kind for app in made] == [
+        "cartesian_motion",
+        "gripper_move",
+        "move_to_contact",
+        "apply_force",
+    ]
+    assert [app.segments for app in made if app.segments] == [(0, 1), (1,), (2,)]
 
 
 @pytest.mark.parametrize(

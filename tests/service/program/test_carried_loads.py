@@ -217,3 +217,67 @@ def test_what_is_carried_to_a_contact_in_the_end_is_no_hold(way_m: float, become
         at=at,
     )  # fmt: skip
     assert kinds(made) == ["grasp", "transport", becomes, "apply_force"]
+
+
+@pytest.mark.parametrize(
+    ("rested_s", "becomes"),
+    [
+        (0.5, [("grasp", 2.8, 2.8), ("transport", 3.3, 5.3)]),
+        (2.0, [("grasp", 2.8, 2.8), ("hold", 2.8, 4.8), ("transport", 4.8, 6.8)]),
+    ],
+)
+def test_what_is_grasped_in_a_rest_is_held_from_the_grasp_on(
+    rested_s: float, becomes: list[tuple[str, float, float]]
+) -> None:
+    """The hold began with the rest: it came before its grasp, and no robot ran that."""
+    lifted = 2.8 + rested_s
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("steady", 2.0, lifted, position_start=(0.0, 0.0, 0.2), position_end=(0.0, 0.0, 0.2)),
+        segment("transport", lifted, lifted + 2.0, load_kg=0.8, load_sd_kg=0.05),
+        grips=(replace(GRASP, t=2.8),),
+        at=lambda t: replace(moment_at(t), position=(0.0, 0.0, 0.2)) if 2.0 < t < lifted else moment_at(t),
+    )
+    assert [(app.kind, app.t0, app.tn) for app in made[1:]] == becomes
+
+
+def test_a_hold_ends_where_the_fingers_let_go() -> None:
+    load = {"load_kg": 0.8, "load_sd_kg": 0.05}
+    made = program(
+        segment("transport", 0.0, 2.0, **load),
+        segment("hold", 2.0, 5.0, **load),
+        grips=(replace(GRASP, t=-1.0), replace(RELEASE, t=4.0)),
+    )
+    whole = [(app.kind, app.t0, app.tn) for app in made if app.t0 >= 0.0]
+    assert whole == [("transport", 0.0, 2.0), ("hold", 2.0, 4.0), ("gripper_move", 4.0, 4.0)]
+
+
+@pytest.mark.parametrize(
+    ("grips", "becomes"),
+    [
+        ((replace(GRASP, t=1.0),), ["cartesian_motion", "grasp", "transport"]),
+        (
+            (replace(GRASP, t=-1.0), replace(RELEASE, t=1.0)),
+            ["transport", "gripper_move", "cartesian_motion"],
+        ),
+        ((GripperAction(1.0, "open", 0.08),), ["cartesian_motion", "gripper_move", "cartesian_motion"]),
+    ],
+)
+def test_the_fingers_act_on_a_way_where_they_were_taught_to(
+    grips: tuple[GripperAction, ...], becomes: list[str]
+) -> None:
+    """What was let go on the way was carried to its end, as the release followed the whole movement."""
+    made = [app for app in program(segment("motion", 0.0, 3.0), grips=grips) if app.t0 >= 0.0]
+    assert kinds(tuple(made)) == becomes
+    assert [(app.t0, app.tn) for app in made] == [(0.0, 1.0), (1.0, 1.0), (1.0, 3.0)]
+    assert [app.target for app in made] == [moment_at(t).position for t in (1.0, 1.0, 3.0)]
+
+
+def test_fingers_that_act_at_a_contact_divide_no_movement() -> None:
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 4.0, **held(10.0)),
+        segment("transport", 4.0, 6.0, load_kg=0.8, load_sd_kg=0.05),
+        grips=(replace(GRASP, t=4.2),),
+    )
+    assert [(app.kind, app.t0, app.tn) for app in made[1:]] == [("grasp", 2.0, 4.0), ("transport", 4.0, 6.0)]

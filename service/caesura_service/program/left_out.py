@@ -12,11 +12,14 @@ from collections.abc import Iterator, Sequence
 from itertools import groupby, pairwise
 
 from caesura_protocol.app_kinds import APP_KINDS, ends_in_contact
-from caesura_protocol.messages import App, Segment
+from caesura_protocol.messages import App, Segment, Vector
 from caesura_protocol.number_words import fixed, interval
 from caesura_protocol.programs.checks.fidelity import STEPPED_M, STEPPED_RAD
 from caesura_protocol.rotations import angle_between
-from caesura_service.program.program_segment import Moment, MomentAt, length
+from caesura_protocol.up_direction import UP
+from caesura_service.constants import GRAVITY
+from caesura_service.program.carried_loads import hangs
+from caesura_service.program.program_segment import PUSHES_BACK_N, Moment, MomentAt, length
 
 NAMED = 5  # touches in a note, the strongest ones
 LEFT_OUT = "Taught and in no app: "
@@ -24,14 +27,17 @@ BEGINS_MOVING = "The recording begins in motion: the way to where the program be
 ENDS_MOVING = "The recording ends in motion: the program stops where it was seen last."
 
 
-def left_out_note(segments: Sequence[Segment], apps: Sequence[App], moment_at: MomentAt) -> str | None:
+def left_out_note(
+    segments: Sequence[Segment], apps: Sequence[App], moment_at: MomentAt, up: Vector = UP
+) -> str | None:
     """Return a note on the parts of a finished demonstration in no app.
 
-    None if there are none, or none are known. apps: as they were inferred, in time order.
+    None if there are none, or none are known. apps: as they were inferred, in time order; up: away from
+    gravity, base frame.
     """
     if not segments or not apps:
         return None
-    said = [*_at_the_ends(segments, apps, moment_at), *_touches(segments, apps)]
+    said = [*_at_the_ends(segments, apps, moment_at), *_touches(segments, apps, up)]
     return f"{LEFT_OUT}{'; '.join(said)}. Teach it again where the robot is to do it." if said else None
 
 
@@ -59,19 +65,32 @@ def _moved(one: Moment, other: Moment) -> str:
     return " and ".join(parts)
 
 
-def _touches(segments: Sequence[Segment], apps: Sequence[App]) -> Iterator[str]:
-    """Yield contacts in no app, except those that continue an app in contact or lie in one, and bounces
-    before it.
+def _touches(segments: Sequence[Segment], apps: Sequence[App], up: Vector) -> Iterator[str]:
+    """Yield contacts in no app.
+
+    Those that continue an app in contact or lie in one are left out, and so are bounces before it, and the
+    weight of what is carried directly before or after.
     """
     used = {index for app in apps for index in app.segments}
     beside = {index for app in apps if APP_KINDS[app.kind].in_contact for index in app.segments}
+    weights = {
+        index: (app.load_kg or 0.0) * GRAVITY
+        for app in apps
+        if APP_KINDS[app.kind].carries
+        for index in app.segments
+    }
     met = [(one.t0, two.t0) for one, two in pairwise(apps) if ends_in_contact(one.kind, two.kind)]
     lost: list[list[Segment]] = []
     place = 0
     for touches, run in groupby(segments, key=lambda one: one.contact == "contact"):
         steps = list(run)
         end = place + len(steps)
-        if touches and used.isdisjoint(range(place, end)) and beside.isdisjoint({place - 1, end}):
+        weight_n = max(weights.get(place - 1, 0.0), weights.get(end, 0.0))
+        if (
+            touches
+            and used.isdisjoint(range(place, end))
+            and not (beside & {place - 1, end} or _is_weight(steps, weight_n, up))
+        ):
             lost.append(steps)
         place = end
     lost = [steps for steps in lost if not any(t0 < steps[0].t0 and steps[-1].tn <= tn for t0, tn in met)]
@@ -82,6 +101,12 @@ def _touches(segments: Sequence[Segment], apps: Sequence[App]) -> Iterator[str]:
             yield f"a contact of {fixed(_newtons(steps), 1)} N at {when} s"
     if rest := len(lost) - len(strongest):
         yield f"{rest} weaker contacts"
+
+
+def _is_weight(steps: Sequence[Segment], weight_n: float, up: Vector) -> bool:
+    """Whether a contact is only the weight [N] of what is carried beside it, as it is lifted or let go."""
+    most_n = weight_n + PUSHES_BACK_N
+    return weight_n > 0.0 and _newtons(steps) < most_n and all(hangs(step.force, up) for step in steps)
 
 
 def _newtons(steps: Sequence[Segment]) -> float:

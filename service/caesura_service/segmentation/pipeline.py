@@ -537,7 +537,7 @@ class SegmentationPipeline:
             return
         if self._moves(1):
             yield BEGINS_MOVING
-        if note := left_out_note(segments, apps, self._history.moment):
+        if note := left_out_note(segments, apps, self._history.moment, self._program.up):
             yield note
         if self._moves(len(self._history) - 1):
             yield ENDS_MOVING

@@ -208,3 +208,30 @@ def test_a_load_that_was_not_measured_is_named_once_a_grasp():
     assert [one for one in found(*weighed) if "load" in one[1]] == []
     half = (*weighed[:3], apps[3], apps[4])  # the load of what is held is known from the first carry
     assert [one for one in found(*half) if "load" in one[1]] == []
+
+
+@pytest.mark.parametrize(("off_m", "warned"), [(0.008, False), (0.025, True)])
+def test_a_drift_to_where_the_fingers_close_is_motion_in_no_app(off_m: float, warned: bool):
+    # A hand drifted by 25 mm before it grasped: scripts close the fingers 25 mm away, and nothing said so.
+    apps = (
+        move(0.0, there(0.1), there(0.2)),
+        app("grasp", 4.0, 6.0, there(0.2 + off_m), gripper_width=0.05),
+    )
+    said = "25 mm of way taught at 1.0–6.0 s are in no app: the robot does not move before this app"
+    assert [reason for index, reason in found(*apps) if "in no app" in reason] == [said] * warned
+
+
+@pytest.mark.parametrize(
+    ("force", "warned"),
+    [((0.0, 0.0, -8.2), False), ((0.0, 0.0, -12.0), True), ((8.2, 0.0, 0.0), True)],
+)
+def test_the_weight_of_what_is_set_down_is_no_press_that_was_lost(force: Vector, warned: bool):
+    apps = (
+        app("grasp", 0.0, 1.0, there(0.2), gripper_width=0.05),
+        app("transport", 1.0, 2.0, there(0.4), load_kg=0.82, load_sd_kg=0.02),
+        app("gripper_move", 2.0, 3.0, there(0.4), gripper_width=0.08, force_taught=force),
+    )
+    lost = [one for one in reasons(apps) if "does not reproduce" in one]
+    assert lost == (
+        [f"was taught with a press of {max(map(abs, force))} N, which it does not reproduce"] * warned
+    )

@@ -77,3 +77,17 @@ def test_of_many_touches_the_strongest_are_named():
     assert "contact of 11.0 N" not in said
     assert "a contact of 12.0 N at 2.8–3.0 s; " in said
     assert said.endswith(f"; 2 weaker contacts{TEACH_AGAIN}")
+
+
+@pytest.mark.parametrize(
+    ("force", "is_named"),
+    [((0.0, 0.0, -8.0), False), ((0.0, 0.0, -20.0), True), ((6.0, 0.0, -3.0), True), ((0.0, 0.0, 8.0), True)],
+)
+def test_the_weight_of_what_is_lifted_is_no_contact_that_is_lost(force, is_named):
+    """A weight of 8 N before its carry, seen as a contact for 0.2 s, had to be taught again."""
+    found = note(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 2.2, force_start=force, force_end=force, force_held=force),
+        segment("transport", 2.2, 4.0, load_kg=0.8, load_sd_kg=0.02),
+    )
+    assert (found is not None) == is_named

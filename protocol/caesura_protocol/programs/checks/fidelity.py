@@ -15,18 +15,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from caesura_protocol.app_force_limit import exerted_forces, force_in_words, rests_in_words
+from caesura_protocol.app_force_limit import LEAST_PRESS_N, exerted_forces, force_in_words, rests_in_words
 from caesura_protocol.app_kinds import APP_KINDS
-from caesura_protocol.messages import App, Gap, ViaPoint, WrenchReport
+from caesura_protocol.messages import App, Gap, Vector, ViaPoint, WrenchReport
 from caesura_protocol.number_words import fixed, interval, reads_above
 from caesura_protocol.programs.app_time_shifts import part_of, rests_of
 from caesura_protocol.programs.checks.findings import Finding, in_mm
 from caesura_protocol.programs.document import ProgramStep
 from caesura_protocol.programs.document_timing import ProgramTiming
-from caesura_protocol.programs.program_gripper import GRIP_REACH_M, SURE_SDS, held_loads
+from caesura_protocol.programs.program_gripper import GRIP_REACH_M, GRIPS, SURE_SDS, held_loads
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
 from caesura_protocol.rotations import angle_between
+from caesura_protocol.up_direction import GRAVITY, UP
 
 UNEVEN_SHARE = 0.15  # of a force, by which one beside it is another force
 TAUGHT_APART = "a part was taught again"
@@ -58,6 +59,8 @@ def fidelity_findings(
         found += _notes(quality)
         found += _missing_paths(apps)
     found += _unknown_loads(apps)
+    wrench = None if quality is None else quality.wrench
+    up = UP if wrench is None or wrench.up is None else wrench.up
     pose: ViaPoint | None = None
     part = taught_in = None  # the edit that taught the part of this app again, and that of the pose
     led = True  # whether what was taught led from the pose to this app
@@ -69,7 +72,14 @@ def fidelity_findings(
         else:
             missed = _seam(pose, app, EDITED_APART if part == taught_in else TAUGHT_APART)
         pauses = _pause_before(apps[index - 1], app, safety) if index else ()
-        reasons = [*_path_deviation(app), *pauses, *missed, *_force_limits(app)]
+        carried = apps[index - 1] if index and APP_KINDS[apps[index - 1].kind].carries else None
+        reasons = [
+            *_path_deviation(app),
+            *pauses,
+            *missed,
+            *_lost_press(app, carried, up),
+            *_force_limits(app),
+        ]
         if quality is not None:
             reasons += _gaps_within(app, quality.gaps)
         found += [Finding("warning", index, app.kind, *reason) for reason in reasons]
@@ -128,17 +138,20 @@ def _pause_before(before: App, app: App, safety: Safety) -> Iterator[Reason]:
 
 
 def _motion_before(pose: ViaPoint | None, app: App) -> Iterator[Reason]:
-    """Yield a finding on motion between two apps that no app reproduces."""
-    if pose is None or app.path is None:
+    """Yield a finding on motion between two apps that no app reproduces.
+
+    The fingers of a robot move where the app before ends.
+    """
+    start = _start_of(app) if app.path is not None or app.kind in GRIPS else None
+    if pose is None or start is None:
         return
-    start = app.path.start
-    when = f"{interval(min(pose.t, start.t), start.t, 1)} s"
+    seen, then = start.t, "the robot goes straight to where this app begins"
+    if app.path is None:
+        seen, then = app.tn, "the robot does not move before this app"
+    when = f"{interval(min(pose.t, seen), seen, 1)} s"
     moved = math.dist(start.position, pose.position)
     if moved > STEPPED_M:
-        reason = (
-            f"{fixed(1000 * moved, 0)} mm of way taught at {when} are in no app: "
-            "the robot goes straight to where this app begins"
-        )
+        reason = f"{fixed(1000 * moved, 0)} mm of way taught at {when} are in no app: {then}"
         yield (reason, moved, STEPPED_M)
     turned = _orientation_change(pose, start)
     if turned > STEPPED_RAD:
@@ -225,10 +238,6 @@ def _force_limits(app: App) -> Iterator[Reason]:
     if raised is not None:
         reason = f"presses harder than it was taught to: {rests_in_words(app)}"
         yield (reason, raised.newton, raised.newton_taught)
-    if app.force is None and app.force_taught is not None:
-        newtons = float(np.linalg.norm(app.force_taught))
-        reason = f"was taught with a press of {fixed(newtons, 1)} N, which it does not reproduce"
-        yield (reason, newtons, None)
     yield from _lost_rests(app)
     if APP_KINDS[app.kind].presses and app.screw is not None and app.screw.torque is None:
         degrees = math.degrees(app.screw.angle)
@@ -242,6 +251,22 @@ def _force_limits(app: App) -> Iterator[Reason]:
             app.load_kg,
             least,
         )
+
+
+def _lost_press(app: App, carried: App | None, up: Vector) -> Iterator[Reason]:
+    """Yield a finding on a press of an app that exerts no force.
+
+    An object that is set down rests on its surface with its weight, once the fingers have let it go: that
+    force is no press. carried: the app before, if it carries.
+    """
+    if app.force is not None or app.force_taught is None:
+        return
+    newtons = float(np.linalg.norm(app.force_taught))
+    if carried is not None and carried.load_kg is not None and app.kind == "gripper_move":
+        pressed = np.add(app.force_taught, GRAVITY * carried.load_kg * np.array(up))
+        if np.linalg.norm(pressed) < LEAST_PRESS_N + SURE_SDS * GRAVITY * (carried.load_sd_kg or 0.0):
+            return
+    yield f"was taught with a press of {fixed(newtons, 1)} N, which it does not reproduce", newtons, None
 
 
 def _unknown_loads(apps: Sequence[App]) -> Iterator[Finding]:

@@ -13,6 +13,16 @@ Speed = Annotated[float, Field(gt=0.0)] | Literal["optimal"]
 RunSpeed = Literal["taught", "optimal"]
 
 
+class ShorterPause(BaseModel):
+    """A taught pause between two apps that a re-timed program shortens or leaves out."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
+
+    app: AppNumber  # that follows it
+    taught_s: float  # [s] as it was taught
+    seconds: float  # [s] as it is timed
+
+
 class ProgramTiming(BaseModel):
     """Timing of a program; without it the times are as taught. Apps are counted from 0.
 
@@ -24,6 +34,7 @@ class ProgramTiming(BaseModel):
     speed: Speed
     retimed: tuple[AppNumber, ...] = ()  # apps whose durations changed
     keeps_pause: tuple[AppNumber, ...] = ()  # apps before which the taught pause is kept
+    shorter_pauses: tuple[ShorterPause, ...] = ()  # in time order
     taught_s: float = 0.0  # [s] the whole program as it was taught
     seconds: float = 0.0  # [s] the whole program as it is timed
 

@@ -16,7 +16,9 @@ from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import LEAST_SPEED, MOST_SPEED
 from caesura_protocol.programs.app_time_shifts import SHIFT_S, earlier, may_retime, scaled
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
-from caesura_protocol.programs.document_timing import ProgramTiming, Speed
+from caesura_protocol.programs.document_timing import ProgramTiming, ShorterPause, Speed
+
+NAMED_PAUSE_S = 0.3  # less of a pause is not named where it is left out: no movement is shorter
 
 UNITS: Mapping[str, str] = MappingProxyType(
     {
@@ -62,11 +64,15 @@ def retimed(
     """
     _check(program, keeps_pause)
     made: list[ProgramStep] = []
+    shorter: list[ShorterPause] = []
     for index, app in enumerate(program.apps):
         t0 = app.t0
         if made:
             taught_s = max(app.t0 - program.apps[index - 1].tn, 0.0)
-            t0 = made[-1].tn + (taught_s if index in keeps_pause else pause_s(index, taught_s))
+            seconds = taught_s if index in keeps_pause else pause_s(index, taught_s)
+            if taught_s - seconds >= NAMED_PAUSE_S:
+                shorter.append(ShorterPause(app=index, taught_s=taught_s, seconds=seconds))
+            t0 = made[-1].tn + seconds
         made.append(earlier(steps.get(index, app), math.floor((app.t0 - t0) / SHIFT_S) * SHIFT_S))
     taught_t = [t for app in program.apps for t in (app.t0, app.tn)]
     new_t = [t for app in made for t in (app.t0, app.tn)]
@@ -81,6 +87,7 @@ def retimed(
         speed=speed,
         retimed=tuple(sorted(steps)),
         keeps_pause=tuple(sorted(keeps_pause)),
+        shorter_pauses=tuple(shorter),
         taught_s=taught_t[-1] - taught_t[0] if taught_t else 0.0,
         seconds=new_t[-1] - new_t[0] if new_t else 0.0,
     )

@@ -7,9 +7,10 @@ import pytest
 
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import AppPath, Gap, ScrewMotion, ViaPoint
+from caesura_protocol.programs.checks import timing_findings
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.document_timing import ProgramTiming
-from caesura_protocol.programs.program_speed import at_factor, factor_of, may_retime
+from caesura_protocol.programs.program_speed import at_factor, factor_of, may_retime, retimed
 from caesura_protocol.reproduced_path import curve_of
 from harness.programs import DOWN, app, as_file
 
@@ -107,3 +108,15 @@ def test_a_document_says_how_it_is_timed_and_one_without_is_as_taught() -> None:
     content = taught().model_dump()
     del content["timing"]
     assert ProgramFile.model_validate(content).timing is None
+
+
+def test_the_pauses_that_a_faster_program_leaves_out_are_named() -> None:
+    # A pause of 12 s, in which glue set, was gone from an optimal program, and no finding named it.
+    fast = retimed(taught(), {}, "optimal", lambda index, taught_s: 0.0)
+    said = [one.reason for one in timing_findings(fast.timing)]
+    assert said[1:] == ["pauses that were taught are left out: 0.5 s before app 3; --keep-pause 3 keeps one"]
+    half = retimed(taught(), {}, "optimal", lambda index, taught_s: 0.2 * taught_s)
+    assert "0.5 s before app 3 (0.1 s now)" in [one.reason for one in timing_findings(half.timing)][1]
+    kept = retimed(taught(), {}, "optimal", lambda index, taught_s: 0.0, keeps_pause=[2])
+    assert len(list(timing_findings(kept.timing))) == 1
+    assert at_factor(taught(), 2.0).timing.shorter_pauses == ()

@@ -2,8 +2,9 @@
 
 There are seven checks, one module each. Six need no robot and are in `caesura_protocol.programs.checks`:
 `speed_factor` of re-timed apps, `value_ranges` of each app, `gripper_capability`, `preconditions` of each
-app, `workspace` of targets, and `fidelity` to the demonstration. If their numbers are valid, `reachability`
-checks the arm: joints, inverse kinematics along the path, and obstacles.
+app, `workspace` of targets, and `fidelity` to the demonstration; the last two need finite numbers. If none of
+their numbers is out of range, `reachability` checks the arm: joints, inverse kinematics along the path, and
+obstacles.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from caesura_lab.execution.checks.reachability import reach_findings
 from caesura_protocol.messages import App
 from caesura_protocol.programs.checks import (
     DemonstrationQuality,
+    are_numbers_finite,
     fidelity_findings,
     gripper_findings,
     order_findings,
@@ -55,10 +57,12 @@ def check(
         *value_findings(apps, within_gripper(cell.safety, gripper)),
         *(() if gripper is None else gripper_findings(apps, cell.safety, gripper)),
     ]
-    broken = any(one.severity == "error" for one in found)
+    finite, broken = are_numbers_finite(apps), any(one.severity == "error" for one in found)
     found += order_findings(apps)
-    if not broken:
+    if finite:
         found += workspace_findings(apps, cell.safety)
+    if not broken:
         found += [NO_ROBOT] if robot is None else reach_findings(apps, cell, robot)
+    if finite:
         found += fidelity_findings(apps, quality, cell.safety)
     return CheckReport(tuple(sorted(found, key=lambda one: -1 if one.index is None else one.index)))

@@ -11,7 +11,7 @@ from caesura_protocol.programs.checks.gripper_capability import gripper_findings
 from caesura_protocol.programs.checks.mounting import mounting_findings
 from caesura_protocol.programs.checks.preconditions import order_findings
 from caesura_protocol.programs.checks.speed_factor import timing_findings
-from caesura_protocol.programs.checks.value_ranges import value_findings
+from caesura_protocol.programs.checks.value_ranges import are_numbers_finite, value_findings
 from caesura_protocol.programs.checks.workspace import workspace_findings
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.program_gripper import gripper_of, within_gripper
@@ -19,6 +19,7 @@ from caesura_protocol.robots import GripperError, RobotError
 
 __all__ = [
     "DemonstrationQuality",
+    "are_numbers_finite",
     "document_findings",
     "fidelity_findings",
     "gripper_findings",
@@ -44,9 +45,8 @@ def document_findings(program: ProgramFile) -> list[Finding]:
         *value_findings(program.apps, within_gripper(program.safety, held_by)),
         *(() if held_by is None else gripper_findings(program.apps, program.safety, held_by)),
     ]
-    broken = any(one.severity == "error" for one in found)
     found += order_findings(program.apps)
-    if not broken:
+    if are_numbers_finite(program.apps):
         found += workspace_findings(program.apps, program.safety)
         found += fidelity_findings(program.apps, quality, program.safety)
     return sorted(found, key=lambda one: one.severity)

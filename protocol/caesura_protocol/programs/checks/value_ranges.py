@@ -74,6 +74,11 @@ def value_findings(apps: Sequence[App], safety: Safety) -> list[Finding]:
     return found
 
 
+def are_numbers_finite(apps: Sequence[App]) -> bool:
+    """Whether every number of the apps is finite, and every vector complete."""
+    return not any(True for index, app in enumerate(apps) for _ in _non_finite(index, app))
+
+
 def _non_finite(index: int, app: App) -> Iterator[Finding]:
     given: list[tuple[str, Any, Sequence[int]]] = [
         (name, getattr(app, name), WIDTHS.get(name, ONE)) for name in NUMBERS

@@ -184,6 +184,25 @@ def test_a_path_that_cannot_be_kept_within_its_tolerance_says_so(tmp_path: Path)
     assert "from the path that was taught, 0.1 mm were asked for" in said(program)
 
 
+def test_what_is_lost_stands_in_every_table_page_and_script(tmp_path: Path) -> None:
+    # A hand at rest drifted by 25 mm between two movements. Only check and scripts said so.
+    way = place(0.4, 0.0, 0.3)
+    way[:, 1] += 0.1 * eased(0.8, 1.8) + 0.025 * np.clip((T - 2.2) / 5.0, 0.0, 1.0) + 0.1 * eased(8.0, 9.2)
+    program = segmented(tmp_path, recording(way))
+    taught, page = str(tmp_path / "taught.npz"), tmp_path / "page.html"
+    run("report", taught, "--out", str(page))
+    outputs = {
+        "segment": run("segment", taught),
+        "table": run("program", "--file", str(program)),
+        "franky": run("program", "--file", str(program), "--format", "franky"),
+        "tree": run("program", "--file", str(program), "--format", "bt"),
+        "check": said(program),
+        "report": page.read_text("utf-8"),
+    }
+    lost = re.compile(r"2\d mm of way taught at [0-9.]+–[0-9.]+ s are in no app")
+    assert [name for name, text in outputs.items() if not lost.search(" ".join(text.split()))] == []
+
+
 def test_a_file_of_version_1_is_read_and_lacks_its_paths(tmp_path: Path) -> None:
     content = json.loads(written(segmented(tmp_path, pressed()), tmp_path).as_json())
     content["version"] = 1

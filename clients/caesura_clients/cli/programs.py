@@ -32,7 +32,7 @@ from caesura_protocol.errors import CaesuraError
 from caesura_protocol.formats.write import whole_file
 from caesura_protocol.messages import Phase, Program
 from caesura_protocol.programs.apps_by_phase import renamed
-from caesura_protocol.programs.checks import document_findings
+from caesura_protocol.programs.checks import document_findings, findings_beside_notes
 from caesura_protocol.programs.comparison import differences
 from caesura_protocol.programs.document import (
     BadProgramError,
@@ -227,7 +227,8 @@ def _name_errors(program: ProgramFile) -> None:
 def _write_table(program: ProgramFile, out: Path | None, clock: SessionClock) -> None:
     state = "complete" if program.complete else "being taught"
     title = f"{program.station} / {program.session}, revision {program.revision}, {state}"
-    notes = map(Text, (*map(clock.text, program.notes), *doubtful_apps(program.apps)))
+    findings = map(clock.text, map(str, findings_beside_notes(program)))
+    notes = map(Text, (*map(clock.text, program.notes), *doubtful_apps(program.apps), *findings))
     parts = [*clock_lines(clock), apps_table(program.apps, title, clock), *notes]
     if out is None:
         Console().print(*parts, sep="\n")

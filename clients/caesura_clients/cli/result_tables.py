@@ -29,6 +29,8 @@ from caesura_protocol.messages import (
 )
 from caesura_protocol.number_words import counted, fixed, reads_above
 from caesura_protocol.programs.app_time_shifts import speed_in_words
+from caesura_protocol.programs.checks import findings_beside_notes
+from caesura_protocol.programs.document import document
 from caesura_protocol.recording import Recording, did_you_mean
 from caesura_protocol.reproduced_path import path_in_words
 from caesura_protocol.screw_torque_and_text import torque_about_axis
@@ -197,12 +199,14 @@ def ignored_line(recording: Recording) -> str:
 
 
 def program_view(program: Program, clock: SessionClock = NO_OFFSET) -> RenderableType:
-    """Return the apps of a task program as a table, with its notes."""
+    """Return the apps of a task program as a table, with its notes and the findings of a check."""
     state = "complete" if program.complete else "being taught"
     name = f"{escape(program.name)}: " if program.name else ""
     title = f"{name}{program.station} / {program.session}, version {program.version}, {state}"
     notes = (*map(clock.text, program.notes), *doubtful_apps(program.apps))
-    return Group(apps_table(program.apps, title, clock), *(Text(note, style="dim") for note in notes))
+    findings = map(clock.text, map(str, findings_beside_notes(document(program))))
+    dim = (Text(note, style="dim") for note in notes)
+    return Group(apps_table(program.apps, title, clock), *dim, *map(Text, findings))
 
 
 def doubtful_apps(apps: Sequence[App]) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import App, AppChange, EditProgram, Program, ProgramEdit
 from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.app_time_shifts import PLACED, edited_times
-from caesura_protocol.programs.checks import document_findings
+from caesura_protocol.programs.checks import findings_beside_notes
 from caesura_protocol.programs.document import document
 from caesura_protocol.programs.export_formats import WRITERS, formats_of
 from caesura_protocol.robots import grippers, robot_description
@@ -221,9 +221,7 @@ def checked(program: Program, clock: SessionClock = NO_OFFSET) -> CheckedProgram
     made = document(program)
     of_program: list[list[str]] = []
     of_apps: dict[int, list[list[str]]] = {}
-    for one in document_findings(made):
-        if one.index is None and one.reason in program.notes:
-            continue
+    for one in findings_beside_notes(made):
         into = of_program if one.index is None else of_apps.setdefault(one.index, [])
         into.append([one.severity, clock.text(one.reason)])
     return CheckedProgram(made.apps, of_program, of_apps)

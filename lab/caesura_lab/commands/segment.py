@@ -28,6 +28,7 @@ from caesura_clients.cli.result_tables import (
 )
 from caesura_lab.commands.options import Mapping, PresetName, RecordingFiles
 from caesura_lab.commands.segment_output import STDOUT, check_output, outputs_of, write_line, write_result
+from caesura_lab.program_findings import program_findings
 from caesura_lab.recording_warnings import recording_warnings, without_confirmed
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError
 from caesura_protocol.formats.read import load_recording, recordings_of
@@ -243,6 +244,7 @@ def _shown(recording: Recording, preset: str, view: PipelineView, warnings: Sequ
         view.wrench.note,
         *map(clock.text, warnings),
         *_warnings(recording, view, clock),
+        *map(clock.text, program_findings(view)),
     )
     return Group(
         *clock_lines(clock),

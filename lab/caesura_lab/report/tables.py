@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from caesura_clients.cli.result_tables import measures_force
+from caesura_lab.program_findings import program_findings
 from caesura_protocol.app_force_limit import force_in_words
 from caesura_protocol.app_kinds import app_number, app_title
 from caesura_protocol.messages import App, Segment, Vector
@@ -107,7 +108,8 @@ def notes(view: PipelineView, of_recording: Sequence[str] = ()) -> tuple[str, ..
         for index, one in enumerate(view.segments)
         if one.screw is not None
     )
-    return (view.wrench.note, *of_recording, *notes_beside_tables(view), *gaps, *turns)
+    beside = notes_beside_tables(view)
+    return (view.wrench.note, *of_recording, *beside, *gaps, *turns, *program_findings(view))
 
 
 def _segment(index: int, one: Segment, start_probability: float | None, *, measured: bool) -> tuple[str, ...]:

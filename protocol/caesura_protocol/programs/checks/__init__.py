@@ -22,6 +22,7 @@ __all__ = [
     "are_numbers_finite",
     "document_findings",
     "fidelity_findings",
+    "findings_beside_notes",
     "gripper_findings",
     "mounting_findings",
     "order_findings",
@@ -50,3 +51,15 @@ def document_findings(program: ProgramFile) -> list[Finding]:
         found += workspace_findings(program.apps, program.safety)
         found += fidelity_findings(program.apps, quality, program.safety)
     return sorted(found, key=lambda one: one.severity)
+
+
+def findings_beside_notes(program: ProgramFile) -> list[Finding]:
+    """Return the findings of `document_findings`, errors first, without those that the notes state.
+
+    None of a program that is being taught and has no edits: what is missing may still be taught.
+    """
+    if not program.apps or not (program.complete or program.edits):
+        return []
+    return [
+        one for one in document_findings(program) if one.index is not None or one.reason not in program.notes
+    ]

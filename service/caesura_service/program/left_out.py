@@ -15,6 +15,7 @@ from caesura_protocol.app_kinds import APP_KINDS, ends_in_contact
 from caesura_protocol.messages import App, Segment, Vector
 from caesura_protocol.number_words import fixed, interval
 from caesura_protocol.programs.checks.fidelity import STEPPED_M, STEPPED_RAD
+from caesura_protocol.programs.program_gripper import GRIPS
 from caesura_protocol.rotations import angle_between
 from caesura_protocol.up_direction import UP
 from caesura_service.constants import GRAVITY
@@ -69,16 +70,11 @@ def _touches(segments: Sequence[Segment], apps: Sequence[App], up: Vector) -> It
     """Yield contacts in no app.
 
     Those that continue an app in contact or lie in one are left out, and so are bounces before it, and the
-    weight of what is carried directly before or after.
+    weight of what was grasped and is carried directly before or after.
     """
     used = {index for app in apps for index in app.segments}
     beside = {index for app in apps if APP_KINDS[app.kind].in_contact for index in app.segments}
-    weights = {
-        index: (app.load_kg or 0.0) * GRAVITY
-        for app in apps
-        if APP_KINDS[app.kind].carries
-        for index in app.segments
-    }
+    weights = _weights(apps)
     met = [(one.t0, two.t0) for one, two in pairwise(apps) if ends_in_contact(one.kind, two.kind)]
     lost: list[list[Segment]] = []
     place = 0
@@ -101,6 +97,17 @@ def _touches(segments: Sequence[Segment], apps: Sequence[App], up: Vector) -> It
             yield f"a contact of {fixed(_newtons(steps), 1)} N at {when} s"
     if rest := len(lost) - len(strongest):
         yield f"{rest} weaker contacts"
+
+
+def _weights(apps: Sequence[App]) -> dict[int, float]:
+    """Return the weights [N] of what was grasped and is carried, by the indices of the segments."""
+    weights: dict[int, float] = {}
+    grasped = False
+    for app in apps:
+        grasped = app.kind == "grasp" if app.kind in GRIPS else grasped
+        if grasped and APP_KINDS[app.kind].carries and app.load_kg is not None:
+            weights |= dict.fromkeys(app.segments, app.load_kg * GRAVITY)
+    return weights
 
 
 def _is_weight(steps: Sequence[Segment], weight_n: float, up: Vector) -> bool:

@@ -28,8 +28,8 @@ class ExertedForce(NamedTuple):
 
     @property
     def is_raised(self) -> bool:
-        """Whether the force of a rest that was taught below LEAST_PRESS_N is at least that."""
-        return bool(self.when) and self.newton_taught < LEAST_PRESS_N <= self.newton
+        """Whether the exerted force is above the taught one, such as that of a rest below LEAST_PRESS_N."""
+        return self.newton > self.newton_taught * (1.0 + CUT_SHARE)
 
 
 def is_press(newton: float) -> bool:

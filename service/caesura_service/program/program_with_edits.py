@@ -13,14 +13,26 @@ Rules
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
+from caesura_protocol.app_kinds import app_title
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import MAX_TAUGHT_AGAIN, App, Correction, Program, ProgramEdit, ReplacePart
+from caesura_protocol.messages import (
+    MAX_TAUGHT_AGAIN,
+    App,
+    Correction,
+    DeleteApp,
+    Program,
+    ProgramEdit,
+    ReplacePart,
+)
+from caesura_protocol.number_words import fixed
 from caesura_service.program.edit_log import EditLog
 from caesura_service.program.edited_app_list import EditedAppList
 from caesura_service.program.edited_app_list_cache import EditedAppListCache, go_on
+
+NAMED = 5  # deleted apps in a note, the newest ones
 
 
 def with_edits(
@@ -31,7 +43,8 @@ def with_edits(
 ) -> Program:
     """Return the inferred program with these edits.
 
-    Its notes name the edits that do not apply, and those that apply to an app at another time.
+    Its notes name the apps that were deleted, the edits that do not apply, and those that apply to an app at
+    another time.
 
     drafts: cached drafts of earlier edits of the session; pause: called after each edit and app.
     """
@@ -44,7 +57,11 @@ def with_edits(
         "name": made.name,
         "edit_revision": log.revision,
         "edits": (*made.edits, *taken_back),
-        "notes": (*program.notes, *(_note(edit) for edit in made.edits if edit.reason)),
+        "notes": (
+            *program.notes,
+            *_deleted(made.edits),
+            *(_note(edit) for edit in made.edits if edit.reason),
+        ),
     }
     return program.model_copy(update=changes)
 
@@ -92,6 +109,19 @@ def _draft(
 
 def _is_left_out(edit: ProgramEdit) -> bool:
     return edit.state == "not_applied"
+
+
+def _deleted(edits: Sequence[ProgramEdit]) -> Iterator[str]:
+    """Yield a note on the taught apps that people deleted: the program does not do what they did."""
+    deleted = [
+        f"{app_title(edit.action.app.kind)} at {fixed(edit.action.app.t0, 1)} s ({edit.author})"
+        for edit in edits
+        if isinstance(edit.action, DeleteApp) and edit.action.app.added is None and not _is_left_out(edit)
+    ]
+    if deleted:
+        rest = len(deleted) - NAMED
+        more = f" and {rest} earlier ones" if rest > 0 else ""
+        yield f"Taught and deleted: {', '.join(deleted[-NAMED:])}{more}."
 
 
 def _note(edit: ProgramEdit) -> str:

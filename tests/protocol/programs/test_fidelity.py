@@ -22,7 +22,7 @@ from caesura_protocol.messages import (
 from caesura_protocol.programs.checks import DemonstrationQuality, document_findings, fidelity_findings
 from caesura_protocol.programs.document import document
 from caesura_protocol.programs.safety import DEFAULT
-from harness.programs import app, move, pressed_harder_before
+from harness.programs import app, move, press, pressed_harder_before
 
 MOVED = (AppChange(field="place", author="Ann", edit=1),)
 
@@ -169,9 +169,8 @@ def test_a_rest_whose_force_was_cut_is_a_force_that_was_limited():
 def test_a_rest_that_was_hardly_pressed_is_named_where_a_robot_presses_harder():
     touch, stroke = pressed_harder_before()
     hardly = stroke.model_copy(update={"rest_before": RestForce(newton=1.0, newton_taught=0.26)})
-    assert "presses harder than it was taught to: 1.0 N of 0.3 N taught before, 5.0 N after" in reasons(
-        (touch, hardly)
-    )
+    harder = "presses harder than it was taught to: 10.0 N (1.0 N of 0.3 N taught before, 5.0 N after)"
+    assert harder in reasons((touch, hardly))
     assert not any("harder" in reason for reason in reasons((touch, stroke)))
 
 
@@ -245,3 +244,16 @@ def test_what_is_lost_is_found_beside_an_error_of_another_app():
     assert any("force 40 N, expected" in reason for _, reason in found(FIRST, SECOND, touch, hard))
     nowhere = FIRST.model_copy(update={"target": (float("nan"), 0.2, 0.3)})
     assert not any("no app" in reason for _, reason in found(nowhere, SECOND, touch, hard))
+
+
+def test_what_people_set_of_an_app_is_named_with_their_names():
+    # A force above the taught one, a speed and an app that nobody taught passed as what was taught.
+    touch, pressed, leave = press()
+    harder = pressed.model_copy(update={"force_taught": (0.0, 0.0, -6.0)})
+    slow = changed(SECOND.model_copy(update={"speed": 0.5}), AppChange(field="speed", author="Ann", edit=1))
+    added = changed(
+        leave, AppChange(field="added", author="Bo", edit=2), AppChange(field="name", author="Cy", edit=3)
+    )
+    assert reasons((touch, harder)) == ["presses harder than it was taught to: 10.0 N of 6.0 N taught"]
+    assert "was not taught so: speed 0.5 by Ann" in reasons((FIRST, slow))
+    assert reasons((touch, pressed, added)) == ["was not taught so: added by Bo"]

@@ -101,7 +101,8 @@ def test_an_edit_of_an_app_that_a_correction_joined_with_another_one_says_so():
     assert (made.edits[0].state, made.edits[0].reason) == ("applied", reason)
     assert made.notes[-1] == f"Edit 1 by Ann (delete) is applied: {reason}."
     nearly = (*apps[:2], lift.model_copy(update={"tn": lift.tn + 0.2}), *apps[3:])
-    assert edited(nearly, delete).notes == (), "its boundary was corrected"
+    deleted = "Taught and deleted: transport at 4.0 s (Ann)."
+    assert edited(nearly, delete).notes == (deleted,), "its boundary was corrected"
     assert log_of(made).active[0].reason is None
 
 
@@ -388,3 +389,15 @@ def test_a_value_beyond_any_robot_is_refused_before_it_is_infinite_or_no_number(
         shown = edited((*taught(), faint), *actions)
         assert why in str(shown.edits[-1].reason)
         assert all(math.isfinite(x) for one in shown.apps for x in (*(one.target or ()), *(one.force or ())))
+
+
+def test_taught_apps_that_people_deleted_are_a_note_and_added_ones_are_not():
+    """Who read a program without its taught press had no sign of it: neither a note nor a finding."""
+    apps = pick_and_place()
+    made = edited(apps, DeleteApp(app=ref(apps[0])), DeleteApp(app=ref(apps[5])))
+    assert made.notes == ("Taught and deleted: move to contact at 0.2 s (Ann), move at 10.1 s (Ann).",)
+    copied = edited(apps, DuplicateApp(app=ref(apps[0])))
+    added = next(app for app in copied.apps if app.added is not None)
+    again = edited(apps, DuplicateApp(app=ref(apps[0])), DeleteApp(app=ref(added)))
+    assert [one.kind for one in again.apps] == [one.kind for one in apps]
+    assert again.notes == ()

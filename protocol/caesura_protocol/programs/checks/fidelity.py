@@ -10,12 +10,12 @@ demonstration at that time, and the app before it the pose of the robot.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from caesura_protocol.app_force_limit import LEAST_PRESS_N, exerted_forces, force_in_words, rests_in_words
+from caesura_protocol.app_force_limit import LEAST_PRESS_N, exerted_forces, force_in_words
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, Gap, Vector, ViaPoint, WrenchReport
 from caesura_protocol.number_words import fixed, interval, reads_above
@@ -32,6 +32,15 @@ from caesura_protocol.up_direction import GRAVITY, UP
 UNEVEN_SHARE = 0.15  # of a force, by which one beside it is another force
 TAUGHT_APART = "a part was taught again"
 EDITED_APART = "the way between them was not taught"
+EDITED: Mapping[str, Callable[[App], str]] = {  # text on an edit that changes what a robot does, by its mark
+    "target": lambda app: "target" if app.target is None else f"target {in_mm(app.target)}",
+    "speed": lambda app: f"speed {app.speed:g}",
+    "tolerance_m": lambda app: (
+        "tolerance" if app.path is None else f"tolerance {1000 * app.path.tolerance_m:g} mm"
+    ),
+    "gripper_width": lambda app: f"gripper width {1000 * (app.gripper_width or 0.0):g} mm",
+    "added": lambda app: "added",
+}
 SWAYED_M = 0.005  # a press that is held sways by less: 98 of 100 simulated ones
 STEPPED_M, STEPPED_RAD = 0.01, math.radians(3.0)  # a hand at rest drifts by less (docs/programs.md)
 
@@ -74,6 +83,7 @@ def fidelity_findings(
         pauses = _pause_before(apps[index - 1], app, safety) if index else ()
         carried = apps[index - 1] if index and APP_KINDS[apps[index - 1].kind].carries else None
         reasons = [
+            *_edited(app),
             *_path_deviation(app),
             *pauses,
             *missed,
@@ -88,6 +98,17 @@ def fidelity_findings(
         if app.target is not None:
             pose, taught_in, led = _pose_after(app, pose), part, not _is_redirected(app)
     return found
+
+
+def _edited(app: App) -> Iterator[Reason]:
+    """Yield a finding on what people set of an app, beside what the other findings state.
+
+    A force is compared with the taught one, and the place of an app in the program with its neighbours.
+    """
+    marks = [mark for mark in app.changes if mark.field in EDITED]
+    set_by = ", ".join(f"{EDITED[mark.field](app)} by {mark.author}" for mark in marks)
+    if set_by:
+        yield f"was not taught so: {set_by}", None, None
 
 
 Reason = tuple[str, float | None, float | None]  # with value and limit
@@ -236,7 +257,7 @@ def _force_limits(app: App) -> Iterator[Reason]:
         yield (f"force limited: {force_in_words(app)}", hardest.newton_taught, hardest.newton)
     raised = next((force for force in forces if force.is_raised), None)
     if raised is not None:
-        reason = f"presses harder than it was taught to: {rests_in_words(app)}"
+        reason = f"presses harder than it was taught to: {force_in_words(app)}"
         yield (reason, raised.newton, raised.newton_taught)
     yield from _lost_rests(app)
     if APP_KINDS[app.kind].presses and app.screw is not None and app.screw.torque is None:

@@ -20,10 +20,12 @@ def counted(number: int, noun: str) -> str:
 def fixed(value: float, decimals: int) -> str:
     """Return a number with `decimals` decimals; with more than 12 digits before them, with an exponent.
 
-    >>> fixed(12.345, 1), fixed(-1e308, 2), fixed(float("nan"), 2)
-    ('12.3', '-1e+308', 'nan')
+    A zero has no sign.
+
+    >>> fixed(12.345, 1), fixed(-0.04, 1), fixed(-1e308, 2), fixed(float("nan"), 2)
+    ('12.3', '0.0', '-1e+308', 'nan')
     """
-    return f"{value:.{decimals}f}" if abs(value) < LONG else f"{value:.3g}"
+    return f"{value:z.{decimals}f}" if abs(value) < LONG else f"{value:.3g}"
 
 
 def reads_above(value: float, limit: float, decimals: int) -> bool:

@@ -176,6 +176,8 @@ def implausible(
         if value > check.limit:
             stated = length_unit if check.quantity == "length" else WIRE_UNIT[check.quantity]
             likely = _likely(check, value, stated)
+            if check.quantity == "length" and likely is not None and _is_too_near(t, signals, likely):
+                likely = None
             return Implausible(check.quantity, check.what, value, check.limit, check.unit, likely)
     return None
 
@@ -189,6 +191,15 @@ def _checks_of(robot: str | None) -> Iterator[_Check]:
     for check in CHECKS:
         further = check.quantity == "angle" and turn_rad > check.limit
         yield check._replace(limit=turn_rad) if further else check
+
+
+def _is_too_near(t: Array, signals: Mapping[str, Array], unit: str) -> bool:
+    """Whether positions in a unit are nearer to the base than any flange.
+
+    Then they move too fast for another reason.
+    """
+    reach = next(check for check in LEAST if check.quantity == "length")
+    return any(value < reach.limit for _, value in _measured([reach], t, signals, unit))
 
 
 def doubts(

@@ -219,3 +219,15 @@ def test_the_doctor_looks_at_a_table_of_other_software(tmp_path: Path):
     done = caesura("doctor", "--file", log, "--mapping", mapping)
     assert done.exit_code == 0, done.output
     assert "100 Hz" in done.output
+
+
+def test_a_way_that_is_too_fast_within_reach_is_not_taken_for_centimetres():
+    """It was said to be probably in cm: then the flange would be 4 mm from the base."""
+    t = np.arange(1000) / 200
+    pos = np.column_stack([np.full(1000, 0.4), 0.3 * np.sin(10.0 * t), np.full(1000, 0.3)])
+    found = implausible(t, {"pos": pos})
+    assert found is not None
+    assert (found.quantity, found.likely) == ("length", None)
+    in_cm = implausible(t, {"pos": 100.0 * pos})
+    assert in_cm is not None
+    assert in_cm.likely == "cm"

@@ -8,7 +8,7 @@ program states them, and whether the demonstration began or ended while the flan
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby, pairwise
 
 from caesura_protocol.app_kinds import APP_KINDS, ends_in_contact
@@ -29,16 +29,20 @@ ENDS_MOVING = "The recording ends in motion: the program stops where it was seen
 
 
 def left_out_note(
-    segments: Sequence[Segment], apps: Sequence[App], moment_at: MomentAt, up: Vector = UP
+    segments: Sequence[Segment],
+    apps: Sequence[App],
+    moment_at: MomentAt,
+    up: Vector = UP,
+    fingers: Iterable[str] = (),
 ) -> str | None:
     """Return a note on the parts of a finished demonstration in no app.
 
     None if there are none, or none are known. apps: as they were inferred, in time order; up: away from
-    gravity, base frame.
+    gravity, base frame; fingers: texts on their motion in no app.
     """
     if not segments or not apps:
         return None
-    said = [*_at_the_ends(segments, apps, moment_at), *_touches(segments, apps, up)]
+    said = [*_at_the_ends(segments, apps, moment_at), *_touches(segments, apps, up), *fingers]
     return f"{LEFT_OUT}{'; '.join(said)}. Teach it again where the robot is to do it." if said else None
 
 

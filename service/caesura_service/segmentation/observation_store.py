@@ -35,6 +35,7 @@ _NO_TORQUE = (np.nan,) * 3
 ROWS_AT_HAND = 64  # which the looks at what is going on ask for again and again
 SAME_S = 1e-3  # two times this close are the same
 TURN_LOOKS = 200  # at a turn, 20 s
+OPENINGS = 6000  # of the fingers, ten minutes: of a longer session some are left out
 POSES = 1200  # of a path, two minutes: of a longer one some are left out
 PRESS_SHARE, PRESS_LOOKS, PRESSES_AT_HAND = 0.7, 600, 8
 EMPTY_GRIPPER_M = 0.003  # fingers that settle closer than this hold nothing
@@ -194,6 +195,16 @@ class ObservationStore:
         turns = rows[:, _ORIENTATION]
         known = not np.isnan(turns).any()
         return rows[:, _T].copy(), np.hstack([rows[:, _POSITION], turns] if known else [rows[:, _POSITION]])
+
+    def openings(self) -> tuple[Array, Array]:
+        """Return times (n,) [s] and openings of the fingers (n,) [m], nan where unknown.
+
+        More than OPENINGS are decimated evenly.
+        """
+        if not self._count:
+            return np.empty(0), np.empty(0)
+        rows = self._rows(0, self._count - 1, OPENINGS)
+        return rows[:, _T].copy(), rows[:, _GRIPPER].copy()
 
     def course(self, begin: int, last: int) -> Course:
         """Return the observations of a turn between two observations, evenly decimated to about

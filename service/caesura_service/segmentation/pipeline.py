@@ -44,6 +44,7 @@ from caesura_service.program import (
     Paths,
     ProgramSegment,
     left_out_note,
+    missed_finger_motion,
 )
 from caesura_service.segmentation.correction_targets import edit_context
 from caesura_service.segmentation.corrections import (
@@ -537,7 +538,8 @@ class SegmentationPipeline:
             return
         if self._moves(1):
             yield BEGINS_MOVING
-        if note := left_out_note(segments, apps, self._history.moment, self._program.up):
+        fingers = missed_finger_motion(*self._history.openings(), self._grips)
+        if note := left_out_note(segments, apps, self._history.moment, self._program.up, fingers):
             yield note
         if self._moves(len(self._history) - 1):
             yield ENDS_MOVING

@@ -101,3 +101,4 @@ class App(Message):
     changes: Annotated[Listed[AppChange], Field(max_length=11)] = ()  # what people set, a field once
     target_name: AppLabel | None = None  # what people call its target
     off_straight_m: Amount | None = None  # of a press without a path: off the way to its target
+    weaker_n: Amount | None = None  # [N] of a press: the least force held for 1 s, where it is another one

@@ -22,6 +22,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from caesura_protocol.app_force_limit import LEAST_PRESS_N
 from caesura_protocol.app_kinds import AppKind
@@ -43,6 +44,8 @@ from caesura_service.program.paths import Paths
 from caesura_service.program.program_segment import (
     GRIP_SLACK_S,
     OBSERVED_S,
+    PUSHES_BACK_N,
+    UNLIKE_N,
     GripperAction,
     Moment,
     MomentAt,
@@ -56,6 +59,8 @@ from caesura_service.program.segment_interpretation import kept_steps
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
 SETTLES_S = 0.15  # after a turn, until the hand is still
 UNCHANGED: Mapping[str, object] = MappingProxyType({})
+HELD_LOOKS = 5  # observations, half a second, in which a force is steady
+WEAKER_WINDOWS = 6  # of these, one second in all, from which on a weaker force was held on purpose
 STILL_PRESSED = 0.7  # of a force: who presses less is letting go
 
 TURNS_AS: dict[Contact, str] = {"free": "motion", "contact": "sliding", "transport": "transport"}
@@ -270,6 +275,21 @@ class _Group:
         t = next(held, None)
         return None if t is None else _End(t, _where(self.moment_at(t)))
 
+    def weaker(self, step: ProgramSegment, t0: float, tn: float, force: Vector) -> float | None:
+        """Return the least force [N] held between two times [s]; None unless it is another one than `force`.
+
+        It is held in every window of `HELD_LOOKS` observations in which it changes by less than a touch.
+        """
+        moments = (self.moment_at(t).force for t in observed(t0, tn))
+        newtons = np.array([length(np.subtract(one, step.base)) for one in moments if one is not None])
+        if newtons.size < HELD_LOOKS:
+            return None
+        windows = np.sort(sliding_window_view(newtons, HELD_LOOKS), axis=1)
+        steady = (windows[:, -1] - windows[:, 0] <= PUSHES_BACK_N) & (windows[:, 0] >= PUSHES_BACK_N)
+        levels = windows[steady, HELD_LOOKS // 2]
+        weak = levels[levels <= length(force) - UNLIKE_N]
+        return float(weak.min()) if weak.size >= WEAKER_WINDOWS else None
+
 
 @dataclass(frozen=True)
 class _End:
@@ -366,6 +386,8 @@ def _press(group: _Group) -> App:
     """
     hardest = _hardest(group.steps)
     changes, end = _forces(hardest.force, group.force_limit_n), group.pressed(hardest)
+    begun, ended = group.steps[0].segment.t0, group.steps[-1].segment.tn
+    changes["weaker_n"] = group.weaker(hardest, begun, ended, hardest.force)
     if end is not None:
         changes |= end.where
         t0 = group.steps[0].segment.t0
@@ -395,9 +417,9 @@ def _slides(group: _Group) -> Iterable[App]:
         force = stroke_force(step, group.moment_at) or step.force
         rests = {"rest_before": _rest(step.rests_before, group), "rest_after": _rest(step.rests_after, group)}
         begun = group.landed() if step is group.steps[0] else None
-        yield group.moving(
-            "apply_force", step, changes=_forces(force, group.force_limit_n) | rests, begun=begun
-        )
+        weaker = {"weaker_n": group.weaker(step, begun or step.segment.t0, step.segment.tn, force)}
+        changes = _forces(force, group.force_limit_n) | rests | weaker
+        yield group.moving("apply_force", step, changes=changes, begun=begun)
 
 
 def _rest(rests: Sequence[ProgramSegment], group: _Group) -> RestForce | None:

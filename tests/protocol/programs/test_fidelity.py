@@ -257,3 +257,13 @@ def test_what_people_set_of_an_app_is_named_with_their_names():
     assert reasons((touch, harder)) == ["presses harder than it was taught to: 10.0 N of 6.0 N taught"]
     assert "was not taught so: speed 0.5 by Ann" in reasons((FIRST, slow))
     assert reasons((touch, pressed, added)) == ["was not taught so: added by Bo"]
+
+
+@pytest.mark.parametrize(("weaker_n", "warned"), [(None, False), (9.5, False), (6.0, True)])
+def test_a_weaker_force_that_was_held_in_a_press_is_named(weaker_n: float | None, warned: bool):
+    touch, pressed, _ = press()
+    said = "was taught with 6.0 N for a second or longer, where it presses with 10.0 N"
+    found = reasons((touch, pressed.model_copy(update={"weaker_n": weaker_n})))
+    assert [one for one in found if "was taught with" in one] == (
+        [f"{said}: teach each force as a press of its own"] * warned
+    )

@@ -178,3 +178,26 @@ def test_what_an_operator_has_named_is_what_it_is(before: str, named: str) -> No
     )
     expected = {"sliding": "apply_force", "contact": "apply_force", "motion": "cartesian_motion"}
     assert made[-1].kind == expected.get(named, named)
+
+
+@pytest.mark.parametrize(
+    ("first_n", "seconds", "weaker_n"),
+    [(12.0, 2.0, 12.0), (12.0, 0.8, None), (22.0, 2.0, None), (2.0, 2.0, None)],
+)
+@pytest.mark.parametrize("kind", ["contact", "sliding"])
+def test_a_press_states_a_weaker_force_that_was_held_in_it(
+    kind: str, first_n: float, seconds: float, weaker_n: float | None
+) -> None:
+    """A press of 12 N, of 25 N and of 12 N again was one of 25 N all the time, without a finding."""
+
+    def pressed(t: float) -> Moment:
+        push = 0.0 if t < 2.0 else first_n if t < 2.0 + seconds else 25.0
+        return drifted(t, pushed_n=push)
+
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment(kind, 2.0, 6.0, **held(25.0), **ACROSS),
+        at=pressed,
+    )
+    (press,) = (app for app in made if app.force is not None)
+    assert press.weaker_n == (None if weaker_n is None else pytest.approx(weaker_n))

@@ -260,6 +260,13 @@ def _force_limits(app: App) -> Iterator[Reason]:
         reason = f"presses harder than it was taught to: {force_in_words(app)}"
         yield (reason, raised.newton, raised.newton_taught)
     yield from _lost_rests(app)
+    exerted = 0.0 if app.force is None else math.hypot(*app.force)
+    if app.weaker_n is not None and exerted > app.weaker_n * (1.0 + UNEVEN_SHARE):
+        reason = (
+            f"was taught with {fixed(app.weaker_n, 1)} N for a second or longer, where it presses with "
+            f"{fixed(exerted, 1)} N: teach each force as a press of its own"
+        )
+        yield reason, exerted, app.weaker_n
     if APP_KINDS[app.kind].presses and app.screw is not None and app.screw.torque is None:
         degrees = math.degrees(app.screw.angle)
         reason = f"turns by {fixed(degrees, 0)}° in contact, with a torque that was not measured"

@@ -26,6 +26,7 @@ NUMBERS = (
     "load_kg",
     "load_sd_kg",
     "gripper_width",
+    "weaker_n",
     "confidence",
 )
 TIMES = ("t0", "tn")

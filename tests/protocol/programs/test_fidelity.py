@@ -267,3 +267,12 @@ def test_a_weaker_force_that_was_held_in_a_press_is_named(weaker_n: float | None
     assert [one for one in found if "was taught with" in one] == (
         [f"{said}: teach each force as a press of its own"] * warned
     )
+
+
+def test_an_orientation_that_was_not_recorded_is_named():
+    # A script then kept whatever orientation the arm had, and a check said "0 warnings: can be run".
+    apps = [one.model_copy(update={"orientation": None, "path": None}) for one in (FIRST, SECOND)]
+    unknown = "the orientation that was taught is not known: the robot keeps the one that it has"
+    assert (None, f"{unknown}; send qx qy qz qw, or the joints and --robot") in found(*apps)
+    assert (1, unknown) in found(FIRST, apps[1])
+    assert not any(unknown in reason for _, reason in found(FIRST, SECOND))

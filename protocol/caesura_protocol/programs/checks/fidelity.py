@@ -67,6 +67,7 @@ def fidelity_findings(
         found += _wrench_findings(quality)
         found += _notes(quality)
         found += _missing_paths(apps)
+        found += _missing_orientations(apps)
     found += _unknown_loads(apps)
     wrench = None if quality is None else quality.wrench
     up = UP if wrench is None or wrench.up is None else wrench.up
@@ -367,6 +368,20 @@ def _missing_paths(apps: Sequence[App]) -> Iterator[Finding]:
     reason = "the path that was taught is not known: straight to the target"
     if moving and len(without) == len(moving):
         yield Finding("warning", None, None, f"{reason} (a file of version 1 has no paths)")
+        return
+    for index, app in without:
+        yield Finding("warning", index, app.kind, reason)
+
+
+def _missing_orientations(apps: Sequence[App]) -> Iterator[Finding]:
+    """Find taught movements without an orientation: one finding for the program if none has one."""
+    moving = [
+        (index, app) for index, app in enumerate(apps) if APP_KINDS[app.kind].travels and app.added is None
+    ]
+    without = [(index, app) for index, app in moving if app.orientation is None]
+    reason = "the orientation that was taught is not known: the robot keeps the one that it has"
+    if moving and len(without) == len(moving):
+        yield Finding("warning", None, None, f"{reason}; send qx qy qz qw, or the joints and --robot")
         return
     for index, app in without:
         yield Finding("warning", index, app.kind, reason)

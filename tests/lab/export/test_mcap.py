@@ -139,7 +139,8 @@ def test_the_results_are_those_of_the_session(recording: Recording, file: File):
     (program,) = file.of("/program")
     assert [App.model_validate({**NOTHING, **one}) for one in program["apps"]] == list(view.apps)
     assert program["complete"]
-    (note,) = program["notes"]
+    note, fingers = program["notes"]
+    assert fingers.startswith("Taught and in no app: the fingers")  # whose opening is noise here
     assert note.startswith("Wrench source flange_sensor: ")
 
 
@@ -295,7 +296,7 @@ def test_what_was_lost_is_there_as_a_gap_and_in_the_programs_notes(recording: Re
     (gap,) = [Gap.model_validate(one) for one in file.of("/gaps")]
     assert gap.reason == "evicted"
     assert gap.tn - gap.t0 == pytest.approx(1.005)
-    assert "samples were lost" in file.of("/program")[0]["notes"][-1]
+    assert any("samples were lost" in note for note in file.of("/program")[0]["notes"])
 
 
 def test_an_open_session_is_exported_as_far_as_it_has_come(recording: Recording, tmp_path: Path):

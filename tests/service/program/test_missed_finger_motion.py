@@ -47,3 +47,10 @@ def test_a_flag_and_a_robot_without_a_gripper_have_no_openings():
     assert list(missed_finger_motion(T, np.full(T.size, np.nan), (GRASP,))) == []
     assert said((6.0, 6.2), (0.08, 0.0), GripperAction(6.1, "grasp", None)) == []
     assert list(missed_finger_motion(np.empty(0), np.empty(0), ())) == []
+
+
+def test_of_a_noisy_column_the_widest_motions_are_named():
+    openings = np.random.default_rng(3).uniform(0.0, 0.08, T.size)
+    found = list(missed_finger_motion(T, openings, ()))
+    assert len(found) == 4
+    assert found[-1].endswith(" shorter motions of the fingers")

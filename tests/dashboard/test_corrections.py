@@ -144,8 +144,8 @@ def test_the_menu_of_corrections_with_its_preview_is_within_the_window(
         menu.locator(".effect").evaluate("(words) => words.append('More that changes. '.repeat(200))")
         longer = menu.bounding_box()
         assert longer is not None
-        assert longer["height"] > box["height"]
-        assert longer["y"] + longer["height"] <= size["height"], "more than fits is scrolled"
+        assert longer["y"] + longer["height"] <= size["height"]
+        assert menu.evaluate("(menu) => menu.scrollHeight > menu.clientHeight"), "more than fits is scrolled"
         page.keyboard.press("Escape")
     finally:
         page.set_viewport_size(DESK)
@@ -221,7 +221,7 @@ def test_what_takes_long_says_that_it_is_under_way(operator: Operator):
     menu.locator(".insert").hover()
     expect(menu.locator(".effect")).to_contain_text("The service computes it …")
     slow.release()
-    expect(menu.locator(".effect")).to_contain_text("becomes")
+    expect(menu.locator(".effect")).to_contain_text("become")
     expect(menu.locator(".effect")).not_to_contain_text("computes")
     slow.hold("answered")
     menu.locator(".insert").click()

@@ -205,7 +205,7 @@ def test_a_hold_is_inserted_with_its_name_and_target(desk: Desk):
     height.fill(f"{1000 * z + 20:.1f}")
     form.locator(".new-seconds").fill("5")
     form.locator(".insert-app").press("Enter")
-    desk.is_said("'hold' inserted after 'move to contact' at 0.8 s.")
+    desk.is_said(f"'hold' inserted after 'move to contact' at {desk.app('move_to_contact').t0:.1f} s.")
     made = desk.app("hold")
     assert (made.name, made.tn - made.t0) == ("wait for the glue", pytest.approx(5.0))
     assert made.target == (x, y, pytest.approx(z + 0.02, abs=1e-4))
@@ -213,7 +213,7 @@ def test_a_hold_is_inserted_with_its_name_and_target(desk: Desk):
     assert made.orientation == taught.orientation
     desk.open_form("move_to_contact")
     new_app(desk.open_form("move_to_contact"), "transport").locator(".insert-app").press("Enter")
-    desk.is_said("'transport' inserted after 'move to contact' at 0.8 s.")
+    desk.is_said(f"'transport' inserted after 'move to contact' at {desk.app('move_to_contact').t0:.1f} s.")
     assert desk.app("transport").target == taught.target
 
 
@@ -263,7 +263,9 @@ def test_a_new_gripper_move_gets_a_width(desk: Desk):
     expect(form.locator(".new-seconds")).to_have_count(0)
     form.locator(".new-gripper_width").fill("40")
     form.locator(".insert-app").press("Enter")
-    desk.is_said("'move gripper' inserted after 'move to contact' at 0.8 s.")
+    desk.is_said(
+        f"'move gripper' inserted after 'move to contact' at {desk.app('move_to_contact').t0:.1f} s."
+    )
     assert desk.app("gripper_move").gripper_width == pytest.approx(0.04)
     card = desk.open_form("gripper_move")
     expect(card.locator(".app-gripper_width")).to_have_value("40")

@@ -411,4 +411,24 @@ MUTATIONS: tuple[Mutation, ...] = (
         "",
         ("tests/clients/test_replay_ring.py::test_what_no_service_is_known_to_have_is_kept_beyond_the_span",),
     ),
+    Mutation(
+        "the level of the force goes on from a rest",
+        "service/caesura_service/changepoint/continued_level.py",
+        "            log_q += log_presence(way @ way, self.away)\n",
+        "",
+        (
+            "tests/service/changepoint/test_channel_model_checks.py::"
+            "test_a_start_in_a_movement_costs_less_than_a_new_level_does",
+        ),
+    ),
+    Mutation(
+        "a change of the gripper counts as none",
+        f"{SEGMENTATION}/observation_store.py",
+        "self._changes += not math.isnan(self._state) and state != self._state",
+        "self._changes += 0",
+        (
+            "tests/service/segmentation/test_observation_store.py::"
+            "test_the_states_of_a_gripper_in_any_span_are_those_that_are_known_in_it",
+        ),
+    ),
 )

@@ -275,12 +275,13 @@ class _Group:
         t = next(held, None)
         return None if t is None else _End(t, _where(self.moment_at(t)))
 
-    def weaker(self, step: ProgramSegment, t0: float, tn: float, force: Vector) -> float | None:
-        """Return the least force [N] held between two times [s]; None unless it is another one than `force`.
+    def weaker(self, step: ProgramSegment, times: Sequence[float], force: Vector) -> float | None:
+        """Return the least force [N] held at times [s]; None unless it is another one than `force`.
 
         It is held in every window of `HELD_LOOKS` observations in which it changes by less than a touch.
+        times: of observations, none in a gap: there the nearest one would count again and again.
         """
-        moments = (self.moment_at(t).force for t in observed(t0, tn))
+        moments = (self.moment_at(t).force for t in times)
         newtons = np.array([length(np.subtract(one, step.base)) for one in moments if one is not None])
         if newtons.size < HELD_LOOKS:
             return None
@@ -386,8 +387,8 @@ def _press(group: _Group) -> App:
     """
     hardest = _hardest(group.steps)
     changes, end = _forces(hardest.force, group.force_limit_n), group.pressed(hardest)
-    begun, ended = group.steps[0].segment.t0, group.steps[-1].segment.tn
-    changes["weaker_n"] = group.weaker(hardest, begun, ended, hardest.force)
+    times = [t for step in group.steps for t in observed(step.segment.t0, step.segment.tn)]
+    changes["weaker_n"] = group.weaker(hardest, times, hardest.force)
     if end is not None:
         changes |= end.where
         t0 = group.steps[0].segment.t0
@@ -417,7 +418,8 @@ def _slides(group: _Group) -> Iterable[App]:
         force = stroke_force(step, group.moment_at) or step.force
         rests = {"rest_before": _rest(step.rests_before, group), "rest_after": _rest(step.rests_after, group)}
         begun = group.landed() if step is group.steps[0] else None
-        weaker = {"weaker_n": group.weaker(step, begun or step.segment.t0, step.segment.tn, force)}
+        times = observed(step.segment.t0 if begun is None else begun, step.segment.tn)
+        weaker = {"weaker_n": group.weaker(step, times, force)}
         changes = _forces(force, group.force_limit_n) | rests | weaker
         yield group.moving("apply_force", step, changes=changes, begun=begun)
 

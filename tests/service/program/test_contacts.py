@@ -201,3 +201,20 @@ def test_a_press_states_a_weaker_force_that_was_held_in_it(
     )
     (press,) = (app for app in made if app.force is not None)
     assert press.weaker_n == (None if weaker_n is None else pytest.approx(weaker_n))
+
+
+def test_a_force_before_a_gap_in_a_press_was_not_held_through_it() -> None:
+    """A gap of two seconds showed the last force before it for one second, which nobody had seen."""
+
+    def pressed(t: float) -> Moment:
+        return drifted(t, pushed_n=0.0 if t < 2.0 else 12.0 if t < 3.4 else 25.0)
+
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 2.4, **held(12.0)),
+        segment("contact", 4.4, 6.0, **held(25.0)),
+        at=pressed,
+    )
+    (press,) = (app for app in made if app.force is not None)
+    assert press.segments == (1, 2)
+    assert press.weaker_n is None

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from caesura_protocol.messages import Gap, Segment
@@ -90,6 +90,24 @@ def test_it_is_the_program_of_all_segments_at_once(seed: int, gripping: int, hol
     growing = IncrementalProgramBuilder(moment_at, 0.3)
     for now in range(1, len(steps) + 1):
         seen = [grip for grip in grips if grip.t <= steps[now - 1].segment.t0 + 0.4]
+        gaps = gaps_between(steps[:now])
+        settled = max(now - int(rng.integers(4)), growing.first)
+        apps = growing.apps(steps[growing.first : now], settled, seen, gaps)
+        assert apps == task_program(steps[:now], seen, moment_at, least_s=0.3, gaps=gaps)
+
+
+@settings(max_examples=15, deadline=None, derandomize=True)
+@given(st.integers(0, 2**32 - 1))
+@example(11)
+def test_it_is_that_program_wherever_the_fingers_act(seed: int):
+    """A motion in which the fingers opened began without the load that the motion before it had carried."""
+    rng = np.random.default_rng(seed)
+    steps = demonstration(rng, 28, holes=bool(seed % 2))
+    times = np.sort(rng.uniform(0.0, steps[-1].segment.tn, int(rng.integers(0, 20))))
+    grips = [GripperAction(float(t), "grasp" if i % 2 else "release", 0.04) for i, t in enumerate(times)]
+    growing = IncrementalProgramBuilder(moment_at, 0.3)
+    for now in range(1, len(steps) + 1):
+        seen = [grip for grip in grips if grip.t <= steps[now - 1].segment.tn]
         gaps = gaps_between(steps[:now])
         settled = max(now - int(rng.integers(4)), growing.first)
         apps = growing.apps(steps[growing.first : now], settled, seen, gaps)

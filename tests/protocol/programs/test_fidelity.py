@@ -259,6 +259,17 @@ def test_what_people_set_of_an_app_is_named_with_their_names():
     assert reasons((touch, pressed, added)) == ["was not taught so: added by Bo"]
 
 
+@pytest.mark.parametrize(
+    ("field", "named"),
+    [("speed", "speed"), ("gripper_width", "gripper width"), ("tolerance_m", "tolerance")],
+)
+def test_a_value_that_a_document_marks_and_lacks_is_named_without_a_number(field: Any, named: str):
+    """A check of a document with the mark of a speed and without the speed ended with a TypeError."""
+    lacking = SECOND.model_copy(update={"path": None, "speed": None, "gripper_width": None})
+    marked = changed(lacking, AppChange(field=field, author="Ann", edit=1))
+    assert f"was not taught so: {named} by Ann" in reasons((FIRST, marked))
+
+
 @pytest.mark.parametrize(("weaker_n", "warned"), [(None, False), (9.5, False), (6.0, True)])
 def test_a_weaker_force_that_was_held_in_a_press_is_named(weaker_n: float | None, warned: bool):
     touch, pressed, _ = press()

@@ -34,11 +34,13 @@ TAUGHT_APART = "a part was taught again"
 EDITED_APART = "the way between them was not taught"
 EDITED: Mapping[str, Callable[[App], str]] = {  # text on an edit that changes what a robot does, by its mark
     "target": lambda app: "target" if app.target is None else f"target {in_mm(app.target)}",
-    "speed": lambda app: f"speed {app.speed:g}",
+    "speed": lambda app: "speed" if app.speed is None else f"speed {app.speed:g}",
     "tolerance_m": lambda app: (
         "tolerance" if app.path is None else f"tolerance {1000 * app.path.tolerance_m:g} mm"
     ),
-    "gripper_width": lambda app: f"gripper width {1000 * (app.gripper_width or 0.0):g} mm",
+    "gripper_width": lambda app: (
+        "gripper width" if app.gripper_width is None else f"gripper width {1000 * app.gripper_width:g} mm"
+    ),
     "added": lambda app: "added",
 }
 SWAYED_M = 0.005  # a press that is held sways by less: 98 of 100 simulated ones

@@ -26,6 +26,7 @@ from caesura_service.constants import GRAVITY
 Array = NDArray[np.float64]
 
 _Z = 2
+_LEAST_SHARE = float(np.finfo(float).tiny)  # of a state or a change that a chain excludes
 
 
 @dataclass(frozen=True)
@@ -220,8 +221,8 @@ class GripperHoldingChain:
     def log_likelihood(self, states: HoldingStates) -> float:
         """Return the same of one segment, from the states that were known in it."""
         first = self.probability if states.first else 1.0 - self.probability
-        changes = states.stays * math.log(1.0 - self.change) + states.changes * math.log(self.change)
-        return math.log(first) + changes
+        shares = (1, first), (states.stays, 1.0 - self.change), (states.changes, self.change)
+        return sum(count * math.log(max(share, _LEAST_SHARE)) for count, share in shares)
 
 
 def weightless(force: Array, least_kg: float, most_kg: float) -> Array:

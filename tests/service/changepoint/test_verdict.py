@@ -83,6 +83,14 @@ def test_the_likelihood_of_the_known_states_is_the_evidence_of_their_chain(seen:
     assert chain.log_likelihood(states) == pytest.approx(expected)
 
 
+def test_a_chain_may_exclude_a_state_and_a_change() -> None:
+    """A chain without changes raised a ValueError at the logarithm of 0 wherever a state was known."""
+    never = GripperHoldingChain(1.0, change=0.0)
+    assert never.log_likelihood(HoldingStates(1.0, 3, 0)) == 0.0
+    assert never.log_likelihood(HoldingStates(0.0, 3, 0)) < -700.0
+    assert never.log_likelihood(HoldingStates(1.0, 3, 1)) < -700.0
+
+
 @pytest.mark.parametrize("evidence", [(0.0, 3.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 3.0, 0.0)])
 def test_a_rest_and_a_turning_of_the_filter_stay(evidence: tuple[float, ...]) -> None:
     assert shown(evidence, is_turn=True) == shown(evidence, is_turn=None)

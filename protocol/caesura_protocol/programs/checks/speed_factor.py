@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from caesura_protocol.messages import LEAST_SPEED, MOST_SPEED
 from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.checks.findings import Finding
-from caesura_protocol.programs.document_timing import ProgramTiming
+from caesura_protocol.programs.document_timing import ProgramTiming, ShorterPause
+
+NAMED = 5  # pauses in a finding, the longest ones
 
 
 def timing_findings(timing: ProgramTiming | None) -> Iterator[Finding]:
@@ -28,11 +30,20 @@ def timing_findings(timing: ProgramTiming | None) -> Iterator[Finding]:
     durations = f"{fixed(timing.taught_s, 2)} s taught, {fixed(timing.seconds, 2)} s now"
     yield Finding("warning", None, None, f"re-timed (speed {timing.speed}): apps {apps}; {durations}")
     if timing.shorter_pauses:
-        pauses = ", ".join(
-            f"{fixed(one.taught_s, 1)} s before app {one.app + 1}"
-            + (f" ({fixed(one.seconds, 1)} s now)" if one.seconds > 0.0 else "")
-            for one in timing.shorter_pauses
-        )
-        longest = max(timing.shorter_pauses, key=lambda one: one.taught_s)
-        reason = f"pauses that were taught are left out: {pauses}; --keep-pause {longest.app + 1} keeps one"
-        yield Finding("warning", None, None, reason, longest.taught_s, longest.seconds)
+        yield _left_out(timing.shorter_pauses)
+
+
+def _left_out(shorter: Sequence[ShorterPause]) -> Finding:
+    """Return the finding on pauses that became shorter, at least one: it names the longest `NAMED`."""
+    longest = sorted(shorter, key=lambda one: one.taught_s - one.seconds)[-NAMED:]
+    pauses = ", ".join(
+        f"{fixed(one.taught_s, 1)} s before app {one.app + 1}"
+        + (f" ({fixed(one.seconds, 1)} s now)" if one.seconds > 0.0 else "")
+        for one in shorter
+        if one in longest
+    )
+    rest = len(shorter) - len(longest)
+    more = f" and {rest} shorter ones" if rest else ""
+    keeps = f"--keep-pause {longest[-1].app + 1} keeps one"
+    reason = f"pauses that were taught are left out: {pauses}{more}; {keeps}"
+    return Finding("warning", None, None, reason, longest[-1].taught_s, longest[-1].seconds)

@@ -2,6 +2,7 @@
 
 from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
 from caesura_service.program.app_builder import task_program
+from caesura_service.program.carried_loads import away_from_contacts
 from caesura_service.program.contacts import may_press_in
 from caesura_service.program.edit_log import EditLog, log_of
 from caesura_service.program.edited_app_list_cache import EditedAppListCache
@@ -36,6 +37,7 @@ __all__ = [
     "Paths",
     "ProgramSegment",
     "at_edit",
+    "away_from_contacts",
     "check_applies",
     "holds",
     "is_end_of_movement",

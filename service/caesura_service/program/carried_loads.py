@@ -25,6 +25,7 @@ from caesura_service.program.joined_strokes import LEAST_TURN_RAD, NOWHERE_M, OU
 from caesura_service.program.program_segment import (
     KINDS,
     Context,
+    GripperAction,
     ProgramSegment,
     holds,
     joined_where,
@@ -51,8 +52,7 @@ def divided_at_grips(
     A step is whole if an operator has set its kind, if it is a turn, or if none of its parts would last for
     `least_s` [s]. An action near a contact belongs to the contact, and divides no step.
     """
-    contacts = [step.segment for step in steps if step.touches and step.lasts(least_s)]
-    apart = [grip.t for grip in context.grips if not any(grip.is_near(one.t0, one.tn) for one in contacts)]
+    apart = [grip.t for grip in away_from_contacts(context.grips, steps, least_s)]
     divided: list[ProgramSegment] = []
     for step in steps:
         segment = step.segment
@@ -61,6 +61,14 @@ def divided_at_grips(
         parts = [] if whole else _parts(step, inside, context)
         divided += parts if any(part.lasts(least_s) for part in parts) else [step]
     return divided
+
+
+def away_from_contacts(
+    grips: Sequence[GripperAction], steps: Sequence[ProgramSegment], least_s: float
+) -> list[GripperAction]:
+    """Return the gripper actions that belong to no contact of `least_s` [s] or longer."""
+    contacts = [step.segment for step in steps if step.touches and step.lasts(least_s)]
+    return [grip for grip in grips if not any(grip.is_near(one.t0, one.tn) for one in contacts)]
 
 
 def _parts(step: ProgramSegment, times: Sequence[float], context: Context) -> list[ProgramSegment]:

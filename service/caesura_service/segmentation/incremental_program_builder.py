@@ -1,12 +1,13 @@
 """Incremental construction of the task program: apps before a quiet place are built only once.
 
-A quiet place is a settled segment whose apps do not depend on earlier segments. The gripper does nothing in
-it and in the segment before: where the fingers act, either is divided. It is a motion that does not continue
-an earlier one, and does not follow a contact by two segments. It is not part of a carry, and is too long for
-the end of another motion. No contact follows it into which it may press something. The program is then that
-of the segments before it, followed by that of the segments from it on. If there is no quiet place in
-MOST_UNQUIET segments, the apps are divided at the last of them without contact. A gap that affects earlier
-segments is known by then: a gap ends where a segment begins, and the quiet place is a segment.
+A quiet place is a settled segment whose apps do not depend on earlier segments, and at whose start the
+gripper does nothing. The fingers do not act in it, except near a contact: it would be divided there. It is a
+motion that does not continue an earlier one, and does not follow a contact by two segments. It is not part of
+a carry, and is too long for the end of another motion. No contact follows it into which it may press
+something. The program is then that of the segments before it, followed by that of the segments from it on. If
+there is no quiet place in MOST_UNQUIET segments, the apps are divided at the last of them without contact. A
+gap that affects earlier segments is known by then: a gap ends where a segment begins, and the quiet place is
+a segment.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from caesura_service.program import (
     MomentAt,
     Paths,
     ProgramSegment,
+    away_from_contacts,
     holds,
     is_end_of_movement,
     may_end_movement,
@@ -137,14 +139,15 @@ class IncrementalProgramBuilder:
         Of MOST_UNQUIET steps the last one without contact counts as quiet, from wherever the steps begin.
         """
         last = min(settled - 1, begin + MOST_UNQUIET)
+        dividing = away_from_contacts(grips, steps, self.least_s)
         for i in range(last, begin, -1):
             step, t0 = steps[i], steps[i].segment.t0
             before, kind = steps[i - 1], step.segment.kind
             touched = before.touches or (i > 1 and steps[i - 2].touches) or self._touched_earlier(steps, i)
             touched = touched or (may_press_in(step) and (i + 1 >= settled or steps[i + 1].touches))
             moves = kind == "motion" and self._lasts(before) and not touched and not may_end_movement(step)
-            began, ended = before.segment.t0, max(step.segment.tn, t0 + GRIP_SLACK_S)
-            gripped = any(began < grip.t <= ended for grip in grips)
+            gripped = any(t0 <= grip.t <= t0 + GRIP_SLACK_S for grip in grips)
+            gripped = gripped or any(t0 < grip.t < step.segment.tn for grip in dividing)
             quiet = self._lasts(step) and moves and not holds(step, known) and not gripped
             if quiet and (before.segment.motion == "steady" or is_end_of_movement(t0, self._moment)):
                 return i

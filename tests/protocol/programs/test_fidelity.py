@@ -247,7 +247,7 @@ def test_what_is_lost_is_found_beside_an_error_of_another_app():
 
 
 def test_what_people_set_of_an_app_is_named_with_their_names():
-    # A force above the taught one, a speed and an app that nobody taught passed as what was taught.
+    # A force above the taught one, a speed and an app that was added passed as what was taught.
     touch, pressed, leave = press()
     harder = pressed.model_copy(update={"force_taught": (0.0, 0.0, -6.0)})
     slow = changed(SECOND.model_copy(update={"speed": 0.5}), AppChange(field="speed", author="Ann", edit=1))

@@ -204,7 +204,7 @@ def test_a_press_states_a_weaker_force_that_was_held_in_it(
 
 
 def test_a_force_before_a_gap_in_a_press_was_not_held_through_it() -> None:
-    """A gap of two seconds showed the last force before it for one second, which nobody had seen."""
+    """A gap of two seconds showed the last force before it for one second, which no sample shows."""
 
     def pressed(t: float) -> Moment:
         return drifted(t, pushed_n=0.0 if t < 2.0 else 12.0 if t < 3.4 else 25.0)

@@ -10,11 +10,13 @@ from caesura_service.changepoint.kernels.layout import AXES, FORCE, FORCES, LADE
 from caesura_service.changepoint.kernels.residual_evidence import (
     LOG_2PI,
     SQUARES,
+    add,
     by_length,
     fill_length,
     log_absence,
     log_presence,
     over_axes,
+    way_squared,
     whole,
 )
 from caesura_service.numba_support.decorators import compiled
@@ -46,7 +48,7 @@ def force_level(here, c):
             go_on(here, c, newborn)
         level_evidence(here, c, at + CONTINUED, channel.memory, state.work[GOING_ON])
         mix(evidence, state.work[GOING_ON], sums[at + LOG_ODDS], sums[at + LOG_ODDS + 1], state.work, lanes)
-    add_all(evidence, sums[at + ABSENCE], lanes)
+    add(evidence, sums[at + ABSENCE], lanes)
 
 
 @compiled
@@ -143,13 +145,6 @@ def add_load(log_evidence, inside, totals, weights, variances, channel, lanes):
         log_evidence[i] -= inside[i]
 
 
-@compiled
-def add_all(log_evidence, values, lanes):
-    """Add a value to each log evidence."""
-    for i in range(lanes):
-        log_evidence[i] += values[i]
-
-
 # --- the level that goes on ------------------------------------------------------------------------------
 
 
@@ -164,20 +159,11 @@ def go_on(here, c, newborn):
         add_past(sums, at, newborn, past, i, channel, i > now - channel.memory)
         log_q += log_absence(beyond_squared(past[i], FORCES, channel), channel.absence)
     log_q += log_bias(sums, at, newborn, channel)
-    log_q += log_presence(squared_way(past, now - channel.memory, now - 1), channel.away)
+    log_q += log_presence(way_squared(past, now - channel.memory, now - 1), channel.away)
     known = evidence_before(here, c, at, newborn)
     add_past(sums, at, newborn, past, now, channel, True)
     odds = channel.field + LOG_ODDS
     sums[odds, newborn], sums[odds + 1, newborn] = math.log1p(-math.exp(log_q)), log_q - known
-
-
-@compiled
-def squared_way(past, first, last):
-    """Return the squared distance [m²] between the positions of two observations of the past."""
-    total = 0.0
-    for a in range(AXES):
-        total += (past[last, a] - past[first, a]) ** 2
-    return total
 
 
 @compiled

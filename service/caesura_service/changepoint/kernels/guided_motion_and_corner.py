@@ -12,8 +12,8 @@ import math
 
 from caesura_service.changepoint.kernels.array_tuple import model_at, state_at
 from caesura_service.changepoint.kernels.fast_math import exp_of_negative, larger, logarithms
-from caesura_service.changepoint.kernels.layout import AXES
-from caesura_service.changepoint.kernels.residual_evidence import log_presence, student, whole
+from caesura_service.changepoint.kernels.layout import AXES, PAST
+from caesura_service.changepoint.kernels.residual_evidence import log_presence, student, way_squared, whole
 from caesura_service.numba_support.decorators import compiled
 
 WEIGHTS, DENSITIES = 0, 1  # fields of guided motion; densities have one a scale
@@ -36,19 +36,10 @@ def guided(here, c, joins):
     for place in range(old, living):
         add_step(here, channel, sums, int(state.ages[place]) - 1, place, place + 1)
     paced = log_presence(step_squared_at(state.past, 1, 0), channel.pace) if joins else 0.0
-    left = log_presence(way_squared(state.past, channel.away_steps), channel.away)
+    left = log_presence(way_squared(state.past, PAST - 1 - channel.away_steps, PAST - 1), channel.away)
     for place in range(living):
         sums[WEIGHTS, place] += paced + left if state.ages[place] > channel.away_steps else paced
     mix_scales(state.work, channel.shares, sums, state.channel[c], whole(living))
-
-
-@compiled
-def way_squared(past, steps):
-    """Return the squared distance [m²] from the position some steps ago to the last one."""
-    last, total = past.shape[0] - 1, 0.0
-    for a in range(AXES):
-        total += (past[last, a] - past[last - steps, a]) ** 2
-    return total
 
 
 @compiled

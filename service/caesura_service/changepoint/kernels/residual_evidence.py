@@ -63,6 +63,22 @@ def step_squared(here, signal, joins):
 
 
 @compiled
+def way_squared(past, first, last):
+    """Return the squared distance [m²] between the positions of two observations of `state.past`."""
+    total = 0.0
+    for a in range(AXES):
+        total += (past[last, a] - past[first, a]) ** 2
+    return total
+
+
+@compiled
+def add(sums, values, lanes):
+    """Add each value to its sum."""
+    for i in range(lanes):
+        sums[i] += values[i]
+
+
+@compiled
 def by_length(here, c, n):
     """Return the terms of the log evidence, on one group of axes, that depend on n samples alone."""
     model = model_at(here)

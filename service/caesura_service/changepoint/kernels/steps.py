@@ -10,7 +10,7 @@ from caesura_service.changepoint.kernels.evidence_window import keep_shares, lin
 from caesura_service.changepoint.kernels.fast_math import exponentials, logarithms, most_of, shares_of
 from caesura_service.changepoint.kernels.layout import AXES, FORCE, FORCES, FREE, HOLDING, ROTATION
 from caesura_service.changepoint.kernels.path_nodes import copy, new_node, node_made, refer, release, settle
-from caesura_service.changepoint.kernels.residual_evidence import whole
+from caesura_service.changepoint.kernels.residual_evidence import add, whole
 from caesura_service.numba_support.decorators import compiled
 
 UNKNOWN = -1
@@ -267,13 +267,6 @@ def put(target, values, lanes):
     """Copy values to a target."""
     for i in range(lanes):
         target[i] = values[i]
-
-
-@compiled
-def add(sums, values, lanes):
-    """Add each value to its sum."""
-    for i in range(lanes):
-        sums[i] += values[i]
 
 
 @compiled

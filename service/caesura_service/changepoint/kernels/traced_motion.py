@@ -10,10 +10,9 @@ from caesura_service.changepoint.kernels.guided_motion_and_corner import (
     DENSITIES,
     WEIGHTS,
     mix_scales,
-    way_squared,
 )
-from caesura_service.changepoint.kernels.layout import AXES, MOST_SHARES
-from caesura_service.changepoint.kernels.residual_evidence import log_presence, whole
+from caesura_service.changepoint.kernels.layout import AXES, MOST_SHARES, PAST
+from caesura_service.changepoint.kernels.residual_evidence import log_presence, way_squared, whole
 from caesura_service.numba_support.decorators import compiled
 
 MEAN, SPREAD = DENSITIES + MOST_SHARES, DENSITIES + MOST_SHARES + AXES  # fields, after those of guided motion
@@ -29,7 +28,7 @@ def traced(here, c):
     follow_velocity(channel, state.past, sums, work[SQUARED], work[LOGS], living)
     work[SQUARED, living:lanes], work[LOGS, living:lanes] = 0.0, 1.0
     logarithms(work[LOGS], lanes)
-    left = log_presence(way_squared(state.past, channel.away_steps), channel.away)
+    left = log_presence(way_squared(state.past, PAST - 1 - channel.away_steps, PAST - 1), channel.away)
     log_floor2 = math.log(channel.floor2)
     for i in range(living):
         sums[WEIGHTS, i] -= 0.5 * AXES * (work[LOGS, i] + log_floor2)

@@ -18,7 +18,8 @@ Vector = tuple[float, float, float]
 
 UP: Vector = (0.0, 0.0, 1.0)  # where none is stated
 NORM_TOLERANCE = 1e-3  # by which the length of a direction may differ from 1
-GRAVITY, NEAR_GRAVITY = 9.81, 0.5  # [m/s²] the length of a vector that was meant as gravity
+GRAVITY = 9.81  # [m/s²], as the thesis has it
+NEAR_GRAVITY = 0.5  # [m/s²] by which the length of a vector differs that was meant as gravity
 LEAST_SIZE = 1e-9  # of a vector whose direction is proposed; one that is longer than 1e9 has none either
 ROUNDED = 1e-12  # by which the length differs once it was made 1
 APART_RAD = math.radians(5.0)  # two bases that are tilted alike: a level shows less, a mounting more

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from caesura_protocol.messages import WrenchSource
 from caesura_protocol.plausibility import LEAST_SAMPLES, METRES
 from caesura_protocol.sample_limits import HOLE_S, TARE_S
+from caesura_protocol.up_direction import GRAVITY
 
 Array = NDArray[np.float64]
 
@@ -40,7 +41,6 @@ RECURS_SHARE = (
 )
 REPEATS = 4  # as often as each value of a sensor with coarse steps occurs, or oftener
 COARSE_N = 0.5  # steps from which on the error of a load exceeds what is stated; real sensors have 0.2 N
-GRAVITY = 9.81  # [m/s²]
 SHOWN = 3  # runs that are listed
 OFF = "contact and load are off"
 

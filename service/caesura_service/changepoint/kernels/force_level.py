@@ -52,10 +52,16 @@ def force_level(here, c):
 
 
 @compiled
+def as_load(down, channel):
+    """Return the weight [N] of the load that is nearest to a force downwards; 0 in free space."""
+    return min(max(down, channel.lightest), channel.heaviest)
+
+
+@compiled
 def beyond_squared(forces, first, channel):
     """Return |z|² [N²], z the force less the weight of a load; first: where its values begin."""
     z = forces[first + 2]
-    z += min(max(-z, channel.lightest), channel.heaviest)
+    z += as_load(-z, channel)
     return forces[first] ** 2 + forces[first + 1] ** 2 + z**2
 
 
@@ -137,7 +143,7 @@ def add_load(log_evidence, inside, totals, weights, variances, channel, lanes):
     spread, shoulders = math.log(heaviest / lightest), 1.0 / lightest + 1.0 / heaviest
     for i in range(lanes):
         down = -totals[i] / weights[i]
-        held = min(max(down, lightest), heaviest)
+        held = as_load(down, channel)
         log_evidence[i] -= 0.5 * (down - held) ** 2 / variances[i]
         inside[i] = held * (spread + math.sqrt(0.5 * math.pi * variances[i]) * shoulders)
     logarithms(inside, lanes)
@@ -185,7 +191,7 @@ def log_bias(sums, at, place, channel):
     for a in range(AXES):
         bias = sums[at + TOTALS + a, place] / weight
         if a == AXES - 1 and channel.model == LADEN:
-            bias += min(max(-bias, channel.lightest), channel.heaviest)
+            bias += as_load(-bias, channel)
         total += bias**2
     return -0.5 * total / (channel.bias2 + channel.floor2 / weight)
 
@@ -218,7 +224,7 @@ def evidence_before(here, c, at, place):
 def log_load(down, variance, channel):
     """Return the log density of one vertical force [N], downwards: that of a load."""
     lightest, heaviest = channel.lightest, channel.heaviest
-    held = min(max(down, lightest), heaviest)
+    held = as_load(down, channel)
     spread, shoulders = math.log(heaviest / lightest), 1.0 / lightest + 1.0 / heaviest
     mass = spread + math.sqrt(0.5 * math.pi * variance) * shoulders
     return -0.5 * (down - held) ** 2 / variance - math.log(held * mass)

@@ -111,8 +111,8 @@ STILL, FAR = np.zeros(1000), np.full(1, 1e11)
     [
         (lambda seq: STILL, COLUMNS, 100, 2),
         (lambda seq: FAR, COLUMNS, 10_000, 1),  # samples without a time, which no later one replaces
-        (lambda seq: 60.0 * seq + 0.059 * np.arange(1000), WIDE, 100, 40),  # for each sample a bin
-        (lambda seq: 0.02 * seq + 1e-3 * np.arange(20), COLUMNS, 10_000, 3),
+        (lambda seq: 60.0 * seq + 0.059 * np.arange(1000), WIDE, 30, 40),  # for each sample a bin
+        (lambda seq: 0.1 * seq + 1e-3 * np.arange(100), COLUMNS, 2000, 3),
     ],
     ids=["the time stands still", "no time", "a minute in each batch", "as from a robot"],
 )

@@ -29,6 +29,10 @@ from harness.processes import CAESURA, DEADLINE_S, Process, Service, environment
 REST_S = 240.0  # for which the hand rests afterwards: longer than the tests of a module take
 REST_HZ = 50.0  # of its samples: each is drawn ten times a second, all along the session
 KINDS = ("steady", "motion", "contact")  # how the demonstration begins
+SERVED_BY = (  # what a server of pages imports when it starts
+    *("anyio._backends._asyncio", "uvicorn.loops.auto"),
+    *("uvicorn.protocols.http.auto", "uvicorn.protocols.websockets.wsproto_impl"),
+)
 
 
 def patient(seed: int = 0) -> Recording:
@@ -68,7 +72,7 @@ class Aged(FileSource):
 class Pages(Process):
     """A server of pages on the port of one that has ended: the browser has their files in its cache."""
 
-    imports = ("nicegui",)
+    imports = ("caesura_clients.dashboard.server", *SERVED_BY)
     _ports: ClassVar[list[int]] = []  # of those that have ended
 
     def __init__(self, command: Sequence[str]) -> None:

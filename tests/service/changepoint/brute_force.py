@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+from functools import cache
 from itertools import combinations
 
 import numpy as np
@@ -46,13 +47,14 @@ def kind_log_evidence(lattice: SegmentModelSet, data: list[ModelInput]) -> Kinds
 
 def _kind_log_evidence(lattice: SegmentModelSet, data: list[ModelInput]) -> Kinds:
     found: Kinds = {}
+    before = lattice.empty()
     for start in range(len(data)):
-        rows = lattice.empty()
-        for observed in data[:start]:  # of what comes before only the last hypothesis is left
-            rows = lattice.select(lattice.extend(rows, observed), np.array([-1]))
+        rows = before
         for end, observed in enumerate(data[start:], start + 1):
             rows = lattice.select(lattice.extend(rows, observed), np.array([-1 if end == start + 1 else 0]))
             found[start, end] = lattice.kind_log_evidence(rows)[0]
+        # Of what comes before only the last hypothesis is left.
+        before = lattice.select(lattice.extend(before, data[start]), np.array([-1]))
     return found
 
 
@@ -61,6 +63,13 @@ def segmentations(n: int) -> Iterator[tuple[int, ...]]:
     for k in range(n):
         for inner in combinations(range(1, n), k):
             yield (0, *inner)
+
+
+@cache
+def places(n: int) -> tuple[list[tuple[int, ...]], np.ndarray]:
+    """All segmentations, and (segmentations, n) whether each has a start there."""
+    paths = list(segmentations(n))
+    return paths, np.array([[start in path for start in range(n)] for path in paths])
 
 
 class BruteForce:
@@ -83,14 +92,11 @@ class BruteForce:
         self.kinds = {span: kinds for span, kinds in known.items() if span[1] <= self.n}
         if is_stepwise := lattice.stepwise and 1 not in boundaries:
             self.kinds |= {(0, end): kinds for (start, end), kinds in self.kinds.items() if start == 1}
-        self.paths = [
-            path
-            for path in segmentations(self.n)
-            if set(boundaries) <= set(path)
-            and not set(without) & set(path)
-            and not (is_stepwise and 1 in path)
-        ]
-        self.holds = np.array([[start in path for start in range(self.n)] for path in self.paths])
+        paths, holds = places(self.n)
+        absent = [start for start in (*without, *[1] * is_stepwise) if start < self.n]
+        is_meant = holds[:, list(boundaries)].all(axis=1) & ~holds[:, absent].any(axis=1)
+        self.paths = [paths[number] for number in np.flatnonzero(is_meant)]
+        self.holds = holds[is_meant]
         self.joint, self.best_joint = self.log_joints(lattice)
         self.total = float(log_sum_exp(self.joint))
 

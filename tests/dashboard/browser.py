@@ -39,6 +39,7 @@ DESK, TABLET, PHONE = (
 )
 UPRIGHT = {"width": TABLET["height"], "height": TABLET["width"]}
 PATIENCE_MS = 60_000
+LOOK_MS = 50  # between two looks of a page at itself; without, it looks at, and draws, every frame meanwhile
 # The rule is off by default: a user who speaks to a page says the words on a button.
 AXE = {
     "resultTypes": ["violations"],
@@ -131,7 +132,7 @@ SETTLED = """({ plots }) => plots && plots.state.data && !plots.state.lacksData(
 
 def settled(page: Page) -> None:
     """Wait until what is in sight is loaded and drawn."""
-    page.wait_for_function(f"() => ({SETTLED})(document.querySelector('.plots'))")
+    page.wait_for_function(f"() => ({SETTLED})(document.querySelector('.plots'))", polling=LOOK_MS)
 
 
 class Visitor:

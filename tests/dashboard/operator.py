@@ -8,7 +8,7 @@ from playwright.sync_api import Locator, Page, expect
 
 from caesura_clients import Caesura
 from caesura_protocol.errors import ProtocolError
-from dashboard.browser import Visitor, settled
+from dashboard.browser import LOOK_MS, Visitor, settled
 from dashboard.stage import KINDS, Stage
 from dashboard.subscriber import Subscriber
 
@@ -48,15 +48,18 @@ class Operator:
         self.is_called("Ann")
         self.press("Live")
         slider = self.page.get_by_role("slider", name="Show until")
-        self.page.wait_for_function(f"(slider) => slider.max >= {SHOWN_S}", arg=slider.element_handle())
+        reaches = f"(slider) => slider.max >= {SHOWN_S}"
+        self.page.wait_for_function(reaches, arg=slider.element_handle(), polling=LOOK_MS)
         live = "(plot) => { const { from, to } = plot.dataset; return to - from > 29.9 ? to - from : 0; }"
-        span_s = self.page.wait_for_function(live, arg=self.plot.element_handle()).json_value()
+        span_s = self.page.wait_for_function(
+            live, arg=self.plot.element_handle(), polling=LOOK_MS
+        ).json_value()
         while span_s > 2.0 * SHOWN_S:  # more than 30 s where a test before this one showed everything
             self.page.get_by_role("button", name="Zoom in").click()
             span_s /= 2.0
         slider.fill(str(SHOWN_S))
         stands_still = f"(plot) => Math.abs(plot.dataset.to - {span_s}) < 1e-5"
-        self.page.wait_for_function(stands_still, arg=self.plot.element_handle())
+        self.page.wait_for_function(stands_still, arg=self.plot.element_handle(), polling=LOOK_MS)
 
     @property
     def plot(self) -> Locator:

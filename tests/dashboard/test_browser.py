@@ -15,7 +15,7 @@ pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard
 from playwright.sync_api import Browser, Page, expect
 
 from caesura_protocol.formats.read import load_recording
-from dashboard.browser import DESK, PATIENCE_MS, TABLET, THEMES, Visitor, needs_chromium, settled
+from dashboard.browser import DESK, LOOK_MS, PATIENCE_MS, TABLET, THEMES, Visitor, needs_chromium, settled
 from dashboard.stage import KINDS, Dashboard, Stage, patient, staged
 from harness.demonstrations import guided
 from harness.processes import eventually, running
@@ -173,7 +173,9 @@ def test_what_is_live_is_drawn_sample_by_sample_on_an_axis_that_stands_still(sta
     shown, plots = page.locator(".scrub output"), page.locator(".plots")
     for least_s in (1.5, 3.0, 4.5):
         page.wait_for_function(
-            f"(shown) => parseFloat(shown.innerText) > {least_s}", arg=shown.element_handle()
+            f"(shown) => parseFloat(shown.innerText) > {least_s}",
+            arg=shown.element_handle(),
+            polling=LOOK_MS,
         )
         assert [plots.get_attribute(f"data-{name}") for name in ("from", "to")] == ["0", "30"]
     points = page.evaluate(

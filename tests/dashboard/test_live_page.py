@@ -12,7 +12,7 @@ pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard
 from playwright.sync_api import Browser, Page
 
 from caesura_clients.dashboard.station_summary import reached
-from dashboard.browser import Visitor, needs_chromium
+from dashboard.browser import LOOK_MS, Visitor, needs_chromium
 from dashboard.stage import Stage
 from dashboard.subscriber import Subscriber
 from harness.demonstrations import taught
@@ -66,14 +66,15 @@ def test_a_page_gets_what_is_new_and_draws_as_if_it_had_got_everything(stage: St
     page.on("websocket", lambda socket: socket.on("framereceived", lambda frame: frames.append(str(frame))))
     page.goto(f"{stage.dashboard.url}/station/cell-1")
     page.locator(".app").first.wait_for()
-    page.wait_for_function(IS_COVERED, timeout=COVERED_MS)
+    page.wait_for_function(IS_COVERED, timeout=COVERED_MS, polling=LOOK_MS)
     answers = page.evaluate(COUNT) + ANSWERS
-    page.wait_for_function(f"() => ({COUNT})() >= {answers}")
+    page.wait_for_function(f"() => ({COUNT})() >= {answers}", polling=LOOK_MS)
 
     first, *_, newest = sorted_apps(page)
     page.wait_for_function(
         "(newest) => Number(document.querySelector('.app:last-child h3').innerText.split(' ')[0]) > newest",
         arg=newest + NEW_APPS,
+        polling=LOOK_MS,
     )
     assert sorted_apps(page)[0] == first, "apps that stayed are still there"
 
@@ -90,7 +91,8 @@ def test_a_page_gets_what_is_new_and_draws_as_if_it_had_got_everything(stage: St
         assert drawn == whole, name
 
     page.evaluate("(t) => document.querySelector('.plots').plots.state.show(t - 6, t - 4)", AGE_S)
-    page.wait_for_function(f"() => document.querySelector('.plots').plots.state.data.to < {AGE_S}")
+    has_older = f"() => document.querySelector('.plots').plots.state.data.to < {AGE_S}"
+    page.wait_for_function(has_older, polling=LOOK_MS)
 
 
 def sorted_apps(page: Page) -> list[int]:

@@ -18,7 +18,7 @@ from playwright.sync_api import Locator, Page, expect
 from caesura_clients import Caesura
 from caesura_protocol.app_kinds import app_title
 from caesura_protocol.messages import Description, Program
-from dashboard.browser import DESK, PATIENCE_MS, PHONE, SETTLED, Visitor, looks_right, needs_chromium
+from dashboard.browser import DESK, LOOK_MS, PATIENCE_MS, PHONE, SETTLED, Visitor, looks_right, needs_chromium
 from dashboard.stage import Stage, StandbyBridge, patient
 from harness.demonstrations import guided
 from harness.processes import eventually
@@ -205,7 +205,9 @@ def check_path_in_3d(page: Page, program: Program) -> None:
     drawn = picture.evaluate(PICTURE)
     picture.press("ArrowLeft")
     page.wait_for_function(
-        f"(before) => ({PICTURE})(document.querySelector('.program-path canvas')) !== before", arg=drawn
+        f"(before) => ({PICTURE})(document.querySelector('.program-path canvas')) !== before",
+        arg=drawn,
+        polling=LOOK_MS,
     )
     path.get_by_role("button", name="top").click()
     expect(path.get_by_role("button", name="top")).to_have_attribute("aria-pressed", "true")
@@ -274,23 +276,23 @@ def test_two_sessions_stand_side_by_side_with_one_axis_of_time(stage: Stage, vis
     expect(named, "two may have the same task").to_contain_text("session one · closed")
     expect(page.get_by_role("heading", name="Programs")).to_contain_text("apps differ")
     expect(page.get_by_text("duration")).not_to_have_count(0)
-    page.wait_for_function(BOTH_LOADED)
+    page.wait_for_function(BOTH_LOADED, polling=LOOK_MS)
     assert page.evaluate(RANGES) == [[0, pytest.approx(float(slower.t[-1]), abs=0.3)]] * 2, "one axis of time"
     looks_right(visitor, "compared")
     page.get_by_role("button", name="Zoom in").first.click()
-    page.wait_for_function(BOTH_LOADED)
+    page.wait_for_function(BOTH_LOADED, polling=LOOK_MS)
     first, second = page.evaluate(RANGES)
     assert first == second
     assert first[1] - first[0] < 6.0
     page.get_by_role("button", name="Move together").click()
     page.get_by_role("button", name="Earlier").last.click()
-    page.wait_for_function(BOTH_LOADED)
+    page.wait_for_function(BOTH_LOADED, polling=LOOK_MS)
     assert page.evaluate(RANGES)[0] == first
     moved = page.evaluate(RANGES)[1]
     assert moved[0] < second[0]
     page.get_by_role("button", name="Move together").click()
     page.get_by_role("button", name="Later").last.click()
-    page.wait_for_function(BOTH_LOADED)
+    page.wait_for_function(BOTH_LOADED, polling=LOOK_MS)
     found = page.evaluate(RANGES)
     apart = [one[0] - other[0] for one, other in zip(found, (first, moved), strict=True)]
     assert apart[0] == pytest.approx(apart[1], abs=0.01), "they keep their distance"

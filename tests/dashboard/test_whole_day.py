@@ -19,6 +19,7 @@ from caesura_protocol.messages import Description, Insert, Snapshot
 from caesura_protocol.recording import Recording
 from dashboard.browser import (
     DESK,
+    LOOK_MS,
     PATIENCE_MS,
     PHONE,
     SIZES,
@@ -108,7 +109,8 @@ def teach(stage: Stage, visitor: Visitor) -> str:
     expect(page.get_by_text("move to contact").first).to_be_visible()
     looks_right(visitor, "day-teaching")
     shown = page.locator(".scrub output")
-    page.wait_for_function(f"(shown) => parseFloat(shown.innerText) > {TAUGHT_S}", arg=shown.element_handle())
+    is_taught = f"(shown) => parseFloat(shown.innerText) > {TAUGHT_S}"
+    page.wait_for_function(is_taught, arg=shown.element_handle(), polling=LOOK_MS)
     stop.click(trial=True)
     stop.focus()
     page.keyboard.press("Enter")
@@ -194,7 +196,7 @@ def simulate(visitor: Visitor) -> None:
     expect(run).to_have_attribute("aria-pressed", "true")
     path.get_by_role("slider").press("Home")
     path.get_by_role("button", name="Play").click()
-    expect(path.get_by_role("button", name="Pause")).to_be_visible()
+    path.get_by_role("button", name="Pause").click()  # else it is drawn while the next one is computed
     visitor.picture("day-simulated-desktop")
     taught_s = float(path.get_by_role("slider").get_attribute("max") or 0.0)
     path.locator(".simulated-speed").select_option("optimal")

@@ -21,7 +21,7 @@ from caesura_clients.bridge import Bridge
 from caesura_protocol.recording import Recording
 from clients.bridging import QUICK
 from clients.examples import LiveSource
-from dashboard.browser import DESK, PATIENCE_MS, Visitor, looks_right, needs_chromium, settled
+from dashboard.browser import DESK, LOOK_MS, PATIENCE_MS, Visitor, looks_right, needs_chromium, settled
 from dashboard.operator import T
 from dashboard.stage import Bridges, Dashboard, Stage
 from dashboard.test_whole_day import shown_range
@@ -80,7 +80,7 @@ def test_every_sample_is_drawn_in_the_colour_of_its_segment(tmp_path: Path, visi
             assert one.t0 - ROUNDED_S <= run["places"][1][0] <= run["places"][-1][0] <= one.tn + ROUNDED_S
         with closing(Bridges(service, tmp_path)) as bridges, bridges.reader() as caesura:
             caesura.relabel("cell-1", "over", t=T, kind="sliding", author="Ann")
-        page.wait_for_function(f"() => ({RUNS})().some((run) => run.kind === 'sliding')")
+        page.wait_for_function(f"() => ({RUNS})().some((run) => run.kind === 'sliding')", polling=LOOK_MS)
         page.locator(".program-path").scroll_into_view_if_needed()
         looks_right(visitor, "measured", within=".program-path")
 

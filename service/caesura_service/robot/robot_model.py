@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg.lapack import dposv
 
 from caesura_protocol.robots import RobotDescription, RobotError, robot_description
 
@@ -25,6 +26,7 @@ Array = NDArray[np.float64]
 SINGULAR_BELOW = 0.05
 
 ALONG_STEPS, ALONG_TOLERANCE = 12, 1e-9  # [m], [rad]
+ALONG_LAST = 1e-5  # [m], [rad] from which one more step, whose error is squared, is within the tolerance
 IK_STEPS = 200
 IK_TOLERANCE = 1e-6  # [m], [rad]
 IK_STEP_LIMIT = 0.3  # [rad] norm of one joint step
@@ -276,14 +278,18 @@ class Robot:
             goal = pin.XYZQUATToSE3(pose)
             for _ in range(ALONG_STEPS):
                 error = self._pose_error(q, goal)
-                if error @ error < ALONG_TOLERANCE**2:
+                left = error @ error
+                if left < ALONG_TOLERANCE**2:
                     break
                 jacobian = self._flange_jacobian(q)
-                q = q + jacobian.T @ np.linalg.solve(jacobian @ jacobian.T, error)
+                _, multipliers, singular = dposv(jacobian @ jacobian.T, error)
+                if singular:
+                    raise _unreachable(pose)
+                q = q + jacobian.T @ multipliers
+                if left < ALONG_LAST**2:
+                    break
             else:
-                raise ReachError(
-                    f"flange position {np.round(pose[:3], 3).tolist()} m cannot be reached on its way"
-                )
+                raise _unreachable(pose)
             found[k] = q
         return found
 
@@ -361,6 +367,10 @@ class Robot:
             self._model, self._data, q, self._flange, pin.LOCAL_WORLD_ALIGNED
         )
         return jacobian
+
+
+def _unreachable(pose: Array) -> ReachError:
+    return ReachError(f"flange position {np.round(pose[:3], 3).tolist()} m cannot be reached on its way")
 
 
 def load_robot(robot: str | RobotDescription) -> Robot:

@@ -216,6 +216,24 @@ def test_inverse_kinematics_reaches_a_pose_near_where_it_started(robot: Robot) -
     assert np.abs(q - READY).max() < 1.0
 
 
+def test_joints_along_a_way_reach_each_of_its_poses(robot: Robot) -> None:
+    start = np.array(robot.postures[0])
+    (place,), (turn,) = robot.flange_poses(start[None])
+    poses = np.tile(np.concatenate([place, turn]), (50, 1))
+    poses[:, 1] += np.linspace(0.0, 0.2, len(poses))
+    places, turns = robot.flange_poses(robot.joints_along(poses, start))
+    assert_allclose(places, poses[:, :3], atol=2e-9)
+    assert_allclose(np.abs(np.vecdot(turns, poses[:, 3:])), 1.0, atol=1e-15)
+
+
+def test_a_way_from_a_stretched_arm_names_the_pose(robot: Robot) -> None:
+    """It was called a singular matrix."""
+    stretched = np.zeros(JOINTS)
+    (place,), (turn,) = robot.flange_poses(stretched[None])
+    with pytest.raises(ReachError, match="cannot be reached on its way"):
+        robot.joints_along([[*place[:2], place[2] - 1e-3, *turn]], stretched)
+
+
 def test_inverse_kinematics_says_how_far_an_unreachable_pose_is(robot: Robot) -> None:
     with pytest.raises(ReachError, match=r"\[1.5, 0.0, 0.3\] m: [0-9.]+ mm .* left"):
         robot.inverse_kinematics([1.5, 0.0, 0.3], TOOL_DOWN, READY)

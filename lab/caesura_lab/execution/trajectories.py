@@ -31,6 +31,7 @@ SLOW_M = 0.002  # before a target that a contact ends: it may be met so much ear
 BRAKE_M_PER_S2 = 1.0  # towards a contact
 KNOT_S, LEAST_KNOTS = 0.02, 8  # between two knots of a path with brakes; legs of it
 EASED = 11  # knots over which braking begins
+BRAKES_IN_TIME = 1.05  # of the limits of speed towards a contact, below which a path is followed as it is
 
 
 def app_path(
@@ -115,6 +116,8 @@ def _braked(curve: Curve, arriving: Array) -> Curve:
     end_m_per_s = max(float(np.linalg.norm(arriving)), LEAST_M_PER_S)
     limits = np.sqrt(end_m_per_s**2 + 2.0 * BRAKE_M_PER_S2 * np.maximum(left - SLOW_M, 0.0))
     slower = np.maximum(np.linalg.norm(rates[:, :3], axis=1) / limits, 1.0)
+    if slower.max() < BRAKES_IN_TIME:
+        return curve
     slower = uniform_filter1d(maximum_filter1d(slower, EASED, mode="nearest"), EASED, mode="nearest")
     times = np.append(0.0, np.cumsum(np.diff(taught) * 0.5 * (slower[1:] + slower[:-1])))
     passing = Curve(taught, poses, rates, rates).passing / slower[:, None]

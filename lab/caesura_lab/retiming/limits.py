@@ -30,7 +30,6 @@ TICK_S = 1e-3  # between two looks
 PART_S, SOLVED = 0.04, 7  # a part of a path at most; inverse kinematics in a part, at both of its ends, too
 PLACES = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, SOLVED))  # of these: Chebyshev's points
 TO_POWERS = np.linalg.inv(np.vander(PLACES, increasing=True))
-LEAST_RISE_S, MOST_RISE_S = 0.02, 0.04
 
 
 @dataclass(frozen=True)
@@ -47,15 +46,6 @@ class MotionLimits:
     turn: float
     acceleration: float
     jerk: float
-
-    @property
-    def rise_s(self) -> float:
-        """The time [s] over which an acceleration that jumps is averaged, twice (`time_law`).
-
-        A jump from one limit of the acceleration to the other then takes half the jerk that a joint may have.
-        """
-        longest = float(np.max(4.0 * self.joints[1] / self.joints[2]))
-        return min(max(longest, LEAST_RISE_S), MOST_RISE_S)
 
 
 def limits_of(robot: Robot, safety: Safety, load_kg: float) -> MotionLimits:
@@ -74,8 +64,8 @@ def limits_of(robot: Robot, safety: Safety, load_kg: float) -> MotionLimits:
     )
 
 
-def hurry(curve: Curve, still: Array, robot: Robot, q: Array, limits: MotionLimits) -> float:
-    """Return the least factor of time with which a movement keeps the limits; above 1 it is too fast.
+def slowdown(curve: Curve, still: Array, robot: Robot, q: Array, limits: MotionLimits) -> Array:
+    """Return the factor of time (n,) that a movement needs at each millisecond; above 1 it is too fast there.
 
     still: (4,) quaternion where the curve has none; q: (n,) joints at its start. Raises ReachError, and
     ValueError where a joint passes the limits of its position.
@@ -87,12 +77,12 @@ def hurry(curve: Curve, still: Array, robot: Robot, q: Array, limits: MotionLimi
         raise ValueError("a joint passes the limits of its position on the way")
     rates = _every_tick(begins, np.column_stack([joints, poses[:, :3]]))
     flange = (limits.speed, limits.acceleration, limits.jerk)
-    most = curve.peaks()[1] / limits.turn
+    most = np.full(len(rates), curve.peaks()[1] / limits.turn)
     for order in (1, 2, 3):
         rates = np.diff(rates, axis=0) / TICK_S
-        share = float((np.abs(rates[:, : robot.joints]) / limits.joints[order - 1]).max())
-        share = max(share, float(np.linalg.norm(rates[:, robot.joints :], axis=1).max()) / flange[order - 1])
-        most = max(most, share ** (1.0 / order))
+        share = (np.abs(rates[:, : robot.joints]) / limits.joints[order - 1]).max(axis=1)
+        share = np.maximum(share, np.linalg.norm(rates[:, robot.joints :], axis=1) / flange[order - 1])
+        most[: len(share)] = np.maximum(most[: len(share)], share ** (1.0 / order))
     return most
 
 

@@ -2,10 +2,11 @@
 
 For each movement it computes the length along its path (a turn by a radian counts as `TURNED_M`), joints
 along the path, the fastest time law (`time_law`), and via points dense enough for the same reproduced path.
-Then the reproduced path is checked at every millisecond, and its time scaled until it keeps the limits. A
-movement that ends in a contact brakes as the executor requires, and is scaled until the executor's path keeps
-the limits too. A movement that cannot be timed keeps its taught times, and a note states that. A speed set by
-an operator is kept, and so are the times of a movement that stays near a contact that it leaves or meets.
+Then the reproduced path is checked at every millisecond. Where it is too fast, the next law is slower; the
+last one is scaled until it keeps the limits. A movement that ends in a contact brakes as the executor
+requires, and it is the executor's path that is checked. A movement that cannot be timed keeps its taught
+times, and a note states that. A speed set by an operator is kept, and so are the times of a movement that
+stays near a contact that it leaves or meets.
 
 A pause that is not marked is removed. If the hand crept in it by more than `CREPT_M`, it lasts as long as the
 executor needs to creep there. Below that the robot joins the next path from its position.
@@ -17,10 +18,13 @@ import math
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline, make_smoothing_spline
+from scipy.interpolate import CubicSpline
+from scipy.linalg import solveh_banded
+from scipy.ndimage import maximum_filter1d
 
 from caesura_lab.execution.skills import CREEP_M_PER_S
 from caesura_lab.execution.trajectories import (
@@ -32,8 +36,8 @@ from caesura_lab.execution.trajectories import (
     arrival_speed,
 )
 from caesura_lab.path_distance import furthest
-from caesura_lab.retiming.limits import MotionLimits, hurry, limits_of, poses_at
-from caesura_lab.retiming.time_law import AT_REST, Arrival, TimeLawError, fastest
+from caesura_lab.retiming.limits import MotionLimits, limits_of, poses_at, slowdown
+from caesura_lab.retiming.time_law import UNLIMITED, Ceiling, Planned, TimeLawError, fastest
 from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
 from caesura_protocol.messages import App, ViaPoint
 from caesura_protocol.programs.app_time_shifts import TURNED_M, may_retime, moved
@@ -50,7 +54,20 @@ Array = NDArray[np.float64]
 FINE = 200  # looks at a leg of the taught path
 PLACES = 2000  # at which two paths are compared
 KNOT_M, FEWEST, MOST = 0.004, 40, 80  # of the way, between two inverse kinematics; how many of them
-VIA_S, FEWEST_VIA, MOST_VIA = 0.025, 6, 60  # between two via points
+VIA_S, MOST_VIA, LEAST_LEGS = 0.016, 60, 2  # between two via points; legs between two changes of sign
+LAST_S = 0.08  # between the last via point and a contact, whose speed is the executor's
+LEAST_RISE_S, MOST_RISE_S, MEETS_S = (
+    0.02,
+    0.15,
+    0.06,
+)  # over which a law is averaged first; at most to a contact
+SMOOTH_S = 0.03  # over which it is averaged then, at most
+TO_JERK = 2.4  # of acceleration by jerk: from that rise on a jump between both accelerations keeps the jerk
+BENT = 0.4  # of a limit of the jerk that the bends of a path may take
+FITTED, NEAR, GAIN = 4, 1.02, 0.01  # laws tried at most; a factor of time and a gain below which no more are
+AROUND_TICKS, LEAST_M_PER_S = 10, 0.01  # around a tick that is too fast; a speed that gets no lower
+SOONER = 0.3  # of its taught time that a movement to a contact takes, at a guess
+SLOWING, LOOKED = 4, 8  # times the way that is slow before a contact, in which so many places are added
 ROUNDS, EVEN = 8, 0.01  # of scaling a movement that a contact ends; by which it may be slower than need be
 STEP, FAR = 0.04, 1.3  # by which it gets slower at least; a factor from which on it is far from its time
 REACH_M = 1e-3  # from the start of the path
@@ -69,7 +86,7 @@ TICKS_PER_S = 1000.0  # a movement takes whole ticks of the robot's controller
 class _Way:
     """The smoothed taught path by its length: (k,) [m], with poses (k, 7) and joints (k, n)."""
 
-    geometry: BSpline
+    geometry: CubicSpline
     along: Array
     poses: Array
     joints: Array
@@ -131,40 +148,82 @@ def _fastest(
     way = _way(app, still, robot)
     until = approach_direction(app, following, matrix_of(app.orientation or FINGERS_DOWN))
 
-    def timed(arrival: Arrival) -> ProgramStep:
-        law = fastest(way.along, *_with_flange(way, limits), limits.rise_s, arrival)
-        return _on_its_path(app, _timed(app, way, *law))
+    def slower(one: ProgramStep) -> Array:
+        curve = _from_zero(curve_of(one)) if until is None else _towards_contact(one, until, safety)
+        return slowdown(curve, still, robot, way.joints[0], limits)
 
-    def of_limits(curve: Curve) -> float:
-        return hurry(curve, still, robot, way.joints[0], limits)
+    def hurried(one: ProgramStep) -> float:
+        return float(slower(one).max())
 
     if until is None:
-        made = timed(AT_REST)
-        factor = of_limits(_from_zero(curve_of(made)))
+        made, factor = _fitted(app, way, limits, slower)
         made = _lasting(made, factor * (made.tn - made.t0))
         # A jerk that peaks between two looks is seen once the movement is much slower.
-        return made if factor < FAR else _scaled(made, lambda one: of_limits(_from_zero(curve_of(one))))
+        return _on_its_path(app, made if factor < FAR else _scaled(made, hurried))
     found = list[ProgramStep]()
-    for arrival in (Arrival(safety.contact_speed_m_per_s, SLOW_M, BRAKE_M_PER_S2), AT_REST):
+    sooner = app.model_copy(update={"tn": app.t0 + SOONER * (app.tn - app.t0)})
+    for arrives in (arrival_speed(sooner, until, way.poses[0, :3], safety), 0.0):
         # Aslant to the contact the speed of the way is not that of the contact: rest may be the better end.
         if not found or found[0].tn > app.tn:
             with suppress(TimeLawError):
-                found.append(
-                    _scaled(timed(arrival), lambda one: of_limits(_towards_contact(one, until, safety)))
-                )
+                made, factor = _fitted(app, way, limits, slower, arrives)
+                found.append(made if factor <= 1.0 else _scaled(made, hurried))
     if not found:
         raise TimeLawError(f"no time within the limits after {ROUNDS} rounds")
     best = min(found, key=lambda one: one.tn)
-    if best.tn > app.tn and of_limits(_towards_contact(app, until, safety)) <= 1.0:
+    if best.tn > app.tn and hurried(app) <= 1.0:
         raise TimeLawError("it was taught as fast as the limits allow")
-    return best
+    return _on_its_path(app, best)
+
+
+def _fitted(
+    app: ProgramStep,
+    way: _Way,
+    limits: MotionLimits,
+    slower: Callable[[ProgramStep], Array],
+    arrives: float | None = None,
+) -> tuple[ProgramStep, float]:
+    """Return the app by the fastest time law, and the factor of time that it still needs, at least 1.
+
+    Where a movement is too fast, the next law gets a lower speed there, instead of more time everywhere.
+    slower: returns the factors (n,) of an app at even times; arrives: [m/s] at a contact, None without one.
+    """
+    planned = _planned(way, limits, MOST_RISE_S if arrives is None else MEETS_S)
+    ceiling = _braking(way, _ceiling(way, limits), arrives or 0.0, planned.rises_s)
+    best, least_s, least = app, math.inf, 1.0
+    for _ in range(FITTED):
+        t, covered = fastest(planned, ceiling)
+        made = _timed(app, way, t, covered, 0.0 if arrives is None else LAST_S)
+        factors = slower(made)
+        factor = max(float(factors.max()), 1.0)
+        gained = 1.0 - factor * float(t[-1]) / least_s
+        if gained > 0.0:
+            best, least_s, least = made, factor * float(t[-1]), factor
+        if factor < NEAR or gained < GAIN:
+            break
+        speeds = np.minimum(ceiling.speeds, _slower_there(ceiling.places, t, covered, factors))
+        ceiling = ceiling._replace(speeds=speeds)
+    return best, least
+
+
+def _slower_there(places: Array, t: Array, covered: Array, factors: Array) -> Array:
+    """Return the speeds [m/s] of a law at places (g,), lower where a movement is too fast; else no limit.
+
+    t, covered: (n,) the law; factors: of time, at even times from begin to end of the movement.
+    """
+    around = maximum_filter1d(factors, 2 * AROUND_TICKS + 1, mode="nearest")
+    ticks = np.linspace(0.0, t[-1], len(around))
+    there = np.interp(np.interp(places, covered, t), ticks, around)
+    speeds = np.interp(places, covered, np.gradient(covered, t)) / there
+    speeds[(there <= 1.0) | (speeds < LEAST_M_PER_S)] = np.inf
+    return speeds
 
 
 def _scaled(made: ProgramStep, hurried: Callable[[ProgramStep], float]) -> ProgramStep:
     """Return the app in the least time for which `hurried` is at most 1. Raises TimeLawError without one.
 
-    Towards a contact `hurried` does not fall steadily with the time, because the knots of the executor's path
-    lie elsewhere each time. So the first steps are small, and none is smaller than `STEP`.
+    Towards a contact `hurried` does not fall steadily with the time, because the executor brakes otherwise
+    each time. So steps are small at first, and from the second one on none is smaller than `STEP`.
     """
     least_s, too_fast_s = made.tn - made.t0, 0.0
     best: ProgramStep | None = None
@@ -174,7 +233,7 @@ def _scaled(made: ProgramStep, hurried: Callable[[ProgramStep], float]) -> Progr
         if factor > 1.0:
             too_fast_s = seconds
             if factor < FAR:
-                slower = min(max(slower, 1.0 + STEP), 1.0 + number * STEP)
+                slower = min(max(slower, 1.0 + (number - 1) * STEP), 1.0 + number * STEP)
         else:
             best = made if best is None or made.tn < best.tn else best
             if factor > 1.0 - EVEN or seconds <= max(least_s + EVEN, too_fast_s * (1.0 + STEP + EVEN)):
@@ -246,74 +305,137 @@ def _way(app: ProgramStep, still: Array, robot: Robot) -> _Way:
     return _Way(geometry, places, poses, robot.joints_along(poses, q))
 
 
-def _smoothed(places: Array, poses: Array, left_m: float, left_rad: float) -> BSpline:
-    """Return the smoothest path within a distance [m] and an angle [rad] of poses (k, 7) at lengths (k,) [m].
+def _smoothed(places: Array, poses: Array, left_m: float, left_rad: float) -> CubicSpline:
+    """Return the smoothest path within a distance [m] and an angle [rad] of poses (k, 7).
 
-    It begins and ends at the first and the last pose. Its smoothness is one weight of its second derivatives.
+    places: (k,) their lengths [m], evenly spaced. It begins and ends at the first and the last pose. Its
+    smoothness is one weight of its second derivatives. They are γ at the places, and the values there are
+    poses - weight W⁻¹ Q γ, with (R + weight Qᵀ W⁻¹ Q) γ = Qᵀ poses (Reinsch 1967).
     """
-    weights = np.ones(len(places))
-    weights[[0, -1]] = FIXED
+    step = places[1] - places[0]
+    loose = np.ones(len(places))
+    loose[[0, -1]] = 1.0 / FIXED
+    bent = np.diff(poses, 2, axis=0) / step
+    first, middle, last = loose[:-2], loose[1:-1], loose[2:]
+    across = np.stack([last, -2.0 * (middle + last), first + 4.0 * middle + last]) / step**2
+    across[0, 2:], across[1, 1:] = across[0, :-2].copy(), across[1, :-1].copy()
+    along = step * np.array([[0.0], [1.0 / 6.0], [2.0 / 3.0]])
 
-    def smoothed(smoothness: float) -> BSpline:
-        return make_smoothing_spline(places, poses, weights, lam=10.0**smoothness)
+    def smoothed(weight: float) -> Array:
+        bends = np.pad(solveh_banded(along + weight * across, bent), ((2, 2), (0, 0)))
+        return np.asarray(poses - weight * loose[:, None] * np.diff(bends, 2, axis=0) / step)
 
-    def is_near(path: BSpline) -> bool:
-        off = path(places) - poses
+    def is_near(path: Array) -> bool:
+        off = path - poses
         apart, turned = (np.linalg.norm(part, axis=1).max() for part in (off[:, :3], 2.0 * off[:, 3:]))
         return bool(apart <= left_m and turned <= left_rad)
 
     least, most = SMOOTHNESS
     for _ in range(HALVINGS):
-        middle = 0.5 * (least + most)
-        least, most = (middle, most) if is_near(smoothed(middle)) else (least, middle)
-    return smoothed(least)
+        middle_weight = 0.5 * (least + most)
+        near = is_near(smoothed(10.0**middle_weight))
+        least, most = (middle_weight, most) if near else (least, middle_weight)
+    return CubicSpline(places, smoothed(10.0**least), bc_type="natural")
 
 
-def _with_flange(way: _Way, limits: MotionLimits) -> tuple[Array, Array, Array]:
-    """Return joints, length and turn of the flange (k, n + 2), with limits of velocity and acceleration.
+def _planned(way: _Way, limits: MotionLimits, most_rise_s: float) -> Planned:
+    """Return joints, length and turn of the flange along the way, with their limits.
 
-    The limits are (n + 2,). The law jumps from one limit of an acceleration to the other, and is averaged
-    over `rise_s`: the limit is one at which that jump keeps the jerk, too.
+    The law jumps from one limit of an acceleration to the other, and is averaged over the rise. A limit is
+    one at which that jump keeps the jerk, too. Where a jerk binds, a longer rise allows a larger
+    acceleration: over a way d from rest to rest a rise of about (d / 2 jerk)^(1/3) takes the least time.
     """
     step = np.diff(way.poses, axis=0)
     moved = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step[:, :3], axis=1))])
     turned = np.concatenate([[0.0], np.cumsum(2.0 * np.linalg.norm(step[:, 3:], axis=1))])
+    values = np.column_stack([way.joints, moved, turned])
     velocity = np.append(limits.joints[0], (limits.speed, limits.turn))
     acceleration = np.append(limits.joints[1], (limits.acceleration, limits.acceleration / TURNED_M))
     jerk = np.append(limits.joints[2], (limits.jerk, limits.jerk / TURNED_M))
-    acceleration = np.minimum(acceleration, 0.5 * limits.rise_s * jerk)
-    return np.column_stack([way.joints, moved, turned]), velocity, acceleration
+    rises = np.minimum(TO_JERK * acceleration / jerk, np.cbrt(0.5 * np.ptp(values, axis=0) / jerk))
+    rise_s = float(np.clip(rises.max(), LEAST_RISE_S, most_rise_s))
+    acceleration = np.minimum(acceleration, 0.5 * rise_s * jerk)
+    return Planned(way.along, values, velocity, acceleration, (rise_s, min(rise_s, SMOOTH_S)))
 
 
-def _timed(app: ProgramStep, way: _Way, t: Array, covered: Array) -> ProgramStep:
-    """Return the app with via points at the times of a law, evenly spaced in time and along the path."""
+def _ceiling(way: _Way, limits: MotionLimits) -> Array:
+    """Return the speeds (k,) [m/s] along the way at which its bends take `BENT` of a limit of the jerk."""
+    bends = np.column_stack([way.joints, way.poses[:, :3]])
+    for _ in range(3):
+        bends = np.gradient(bends, way.along, axis=0)
+    joints = len(limits.joints[2])
+    share = (np.abs(bends[:, :joints]) / limits.joints[2]).max(axis=1)
+    share = np.maximum(share, np.linalg.norm(bends[:, joints:], axis=1) / limits.jerk)
+    return np.asarray(np.cbrt(BENT / np.maximum(share, BENT / UNLIMITED**3)))
+
+
+def _braking(way: _Way, speeds: Array, arrives: float, rises_s: tuple[float, float]) -> Ceiling:
+    """Return the ceiling of a movement that meets a contact with a speed of the flange [m/s]; 0: it rests.
+
+    speeds: (k,) [m/s] along the way otherwise. The law is averaged over the rises, so it has to be as slow as
+    the executor somewhat earlier.
+    """
+    if not arrives:
+        return Ceiling(way.along, speeds)
+    metres = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(way.poses[:, :3], axis=0), axis=1)))
+    lag_s, spread = 0.5 * sum(rises_s), sum(rise_s**2 for rise_s in rises_s) / 12.0
+    slow_m = SLOW_M + arrives * lag_s + BRAKE_M_PER_S2 * spread
+    added = np.interp(metres[-1] - slow_m * np.linspace(0.0, SLOWING, LOOKED + 1), metres, way.along)
+    places = np.union1d(way.along, added)
+    left = np.maximum(metres[-1] - np.interp(places, way.along, metres) - slow_m, 0.0)
+    flange = np.sqrt(arrives**2 + 2.0 * BRAKE_M_PER_S2 * left)
+    share = np.interp(places, way.along, np.gradient(metres, way.along))  # of the length, that is no turn
+    braking = np.minimum(flange / np.maximum(share, arrives), np.interp(places, way.along, speeds))
+    return Ceiling(places, braking, float(braking[-1]))
+
+
+def _timed(app: ProgramStep, way: _Way, t: Array, covered: Array, last_s: float) -> ProgramStep:
+    """Return the app with via points along a law; last_s: none so near to its end [s]."""
     assert app.path is not None, "is timed by its path"
-    seconds, t0 = float(t[-1]), app.t0
-    count = int(np.clip(seconds / VIA_S, FEWEST_VIA, MOST_VIA))
-    even = 0.5 * t / seconds + 0.5 * covered / covered[-1]
-    times = np.interp(np.linspace(0.0, 1.0, count + 2)[1:-1], even, t)
-    taught = curve_of(app)
-    turns = taught.values.shape[1] == 7
+    t0, seconds = app.t0, float(t[-1])
     speeds = np.gradient(covered, t)
-    via = []
-    for when in times:
-        place = float(np.interp(when, t, covered))
-        pose, rates = way.geometry(place), way.geometry(place, 1) * np.interp(when, t, speeds)
-        quaternion = pose[3:] / np.linalg.norm(pose[3:])
-        turning = angular_velocities(pose[None, 3:], rates[None, 3:])[0]
-        via.append(
-            ViaPoint(
-                t=t0 + float(when),
-                position=tuple(pose[:3].tolist()),
-                orientation=tuple(quaternion.tolist()) if turns else None,
-                velocity=tuple(rates[:3].tolist()),
-                angular_velocity=tuple(turning.tolist()) if turns else None,
-            )
+    times = _via_times(t, np.gradient(speeds, t), last_s)
+    along = np.interp(times, t, covered)
+    poses, rates = way.geometry(along), way.geometry(along, 1) * np.interp(times, t, speeds)[:, None]
+    turning = angular_velocities(unit(poses)[:, 3:], rates[:, 3:]).tolist()
+    turns = curve_of(app).values.shape[1] == 7
+    via = [
+        ViaPoint(
+            t=t0 + when,
+            position=tuple(pose[:3]),
+            orientation=tuple(pose[3:]) if turns else None,
+            velocity=tuple(rate[:3]),
+            angular_velocity=tuple(turn) if turns else None,
         )
+        for when, pose, rate, turn in zip(
+            times.tolist(), poses.tolist(), rates.tolist(), turning, strict=True
+        )
+    ]
     rests = {"end_velocity": None, "end_angular_velocity": None}
     start = app.path.start.model_copy(update={"t": t0, "velocity": None, "angular_velocity": None})
     path = app.path.model_copy(update={"start": start, "via": tuple(via), "tn": t0 + seconds, **rests})
     return app.model_copy(update={"tn": t0 + seconds, "path": path})
+
+
+def _via_times(t: Array, accelerations: Array, last_s: float) -> Array:
+    """Return the times [s] of via points, about `VIA_S` apart, one where the acceleration changes its sign.
+
+    The reproduced path takes the acceleration of a via point from the velocities beside it, and limits it by
+    the flatter side. That is exact where the acceleration is 0. A change of sign between two via points would
+    have several times the jerk. last_s: no via point so near to the end.
+    """
+    step = max(VIA_S, t[-1] / MOST_VIA)
+    ends = [0.0]
+    for when in t[np.flatnonzero(accelerations[1:] * accelerations[:-1] < 0.0)].tolist():
+        if min(when - ends[-1], t[-1] - when) > LEAST_LEGS * step:
+            ends.append(when)
+    step = max(VIA_S, t[-1] / (MOST_VIA - len(ends)))
+    legs = [
+        np.linspace(begins, stops, max(round((stops - begins) / step), 1), endpoint=False)
+        for begins, stops in pairwise((*ends, float(t[-1])))
+    ]
+    times = np.concatenate(legs)[1:]
+    return np.asarray(times[times <= t[-1] - last_s])
 
 
 def _lasting(app: ProgramStep, seconds: float) -> ProgramStep:

@@ -1,10 +1,8 @@
 """Computes the fastest time law along a path within limits of velocity and acceleration.
 
 TOPP-RA (Pham & Pham 2018, "A New Approach to Time-Optimal Path Parameterization Based on Reachability
-Analysis") gives a law with discontinuous acceleration. It is averaged twice over a time, so that the
-acceleration is continuous. The path stays the same, and the movement takes longer by twice that time.
-
-A movement that ends in a contact arrives with a given speed, for which it brakes in time.
+Analysis") gives a law with discontinuous acceleration. It is averaged over two times, one after the other, so
+that the acceleration is continuous. The path stays the same, and the movement takes longer by both times.
 """
 
 from __future__ import annotations
@@ -28,61 +26,56 @@ class TimeLawError(ValueError):
     """No time law keeps the limits on this path."""
 
 
-class Arrival(NamedTuple):
-    """The end of a path: a constant speed in its last part, and braking before that; by default at rest."""
+class Planned(NamedTuple):
+    """A path with its limits: way (k,) [m] rising, values (k, d) of the coordinates there.
 
-    speed: float = 0.0  # [m/s]
-    slow_m: float = 0.0
-    brake: float = np.inf  # [m/s²]
-
-    def ceiling(self, left: float) -> float:
-        """Return the highest speed [m/s] with `left` [m] of the path left."""
-        braked = left - self.slow_m
-        return float(np.sqrt(self.speed**2 + 2.0 * self.brake * braked)) if braked > 0.0 else self.speed
-
-
-AT_REST = Arrival()
-
-
-def fastest(
-    way: Array,
-    values: Array,
-    velocity: Array,
-    acceleration: Array,
-    rise_s: float,
-    arrival: Arrival = AT_REST,
-) -> tuple[Array, Array]:
-    """Return times (n,) [s] from 0 at every millisecond, and the length covered by then, starting at rest.
-
-    way: (k,) [m] rising; values: (k, d) of the coordinates there; velocity, acceleration: (d,) their limits;
-    rise_s [s]: over which the law is averaged, twice. Raises TimeLawError.
+    velocity, acceleration: (d,) limits of the coordinates; rises_s: [s] over which a law is averaged.
     """
-    path = toppra.SplineInterpolator(way, np.column_stack([values, way]))
+
+    way: Array
+    values: Array
+    velocity: Array
+    acceleration: Array
+    rises_s: tuple[float, float]
+
+
+class Ceiling(NamedTuple):
+    """The highest speeds (g,) [m/s] at places (g,) [m] along a path, rising; ends_at: [m/s] at its end."""
+
+    places: Array
+    speeds: Array
+    ends_at: float = 0.0
+
+
+def fastest(planned: Planned, ceiling: Ceiling) -> tuple[Array, Array]:
+    """Return times (n,) [s] from 0 at every millisecond, and the length [m] covered by then, from rest.
+
+    Raises TimeLawError.
+    """
+    way, ends_at = ceiling.places, ceiling.ends_at
+    path = toppra.SplineInterpolator(planned.way, np.column_stack([planned.values, planned.way]))
 
     def limits(place: float) -> Array:
-        highest = np.append(velocity, min(arrival.ceiling(way[-1] - place), UNLIMITED))
+        highest = np.append(planned.velocity, np.interp(place, way, ceiling.speeds))
         return np.column_stack([-highest, highest])
 
     constraints = [
         JointVelocityConstraintVarying(limits),
-        JointAccelerationConstraint(np.append(acceleration, UNLIMITED)),
+        JointAccelerationConstraint(np.append(planned.acceleration, UNLIMITED)),
     ]
-    if arrival.slow_m:
-        way = np.union1d(way, way[-1] - arrival.slow_m)
-    _, speeds, *_ = TOPPRA(constraints, path, gridpoints=way).compute_parameterization(0.0, arrival.speed)
+    _, speeds, *_ = TOPPRA(constraints, path, gridpoints=way).compute_parameterization(0.0, ends_at)
     if speeds is None or not np.isfinite(speeds).all() or (speeds[1:-1] <= 0.0).any():
         raise TimeLawError("no time law keeps to the limits of the robot")
     times = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(way) / (speeds[:-1] + speeds[1:]))])
     ticks = np.arange(0.0, times[-1] + TICK_S, TICK_S)
     covered = CubicHermiteSpline(times, way, speeds)(np.minimum(ticks, times[-1]))
-    covered += arrival.speed * np.maximum(ticks - times[-1], 0.0)
-    ticks_of_rise = round(rise_s / TICK_S)
-    box = np.full(ticks_of_rise, 1.0 / ticks_of_rise)
-    kernel = np.convolve(box, box)
+    covered += ends_at * np.maximum(ticks - times[-1], 0.0)
+    first, second = (np.ones(round(seconds / TICK_S)) for seconds in planned.rises_s)
+    kernel = np.convolve(first, second) / (len(first) * len(second))
     around = len(kernel) - 1
-    beyond = covered[-1] + arrival.speed * TICK_S * np.arange(1, around + 1)
+    beyond = covered[-1] + ends_at * TICK_S * np.arange(1, around + 1)
     padded = np.concatenate([np.full(around, way[0]), covered, beyond])
     smooth = np.maximum.accumulate(np.clip(np.convolve(padded, kernel, "valid"), way[0], way[-1]))
-    if arrival.speed:
+    if ends_at:
         smooth = smooth[: int(np.searchsorted(smooth, way[-1])) + 1]
     return TICK_S * np.arange(len(smooth), dtype=np.float64), np.asarray(smooth, dtype=np.float64)

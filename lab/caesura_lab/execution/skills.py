@@ -30,7 +30,7 @@ from caesura_protocol.screw_torque_and_text import stop_torque_nm
 RISE_S, RELEASE_S = 0.15, 0.15  # longest time in which a force is built up; in which it is let go
 FORCE_GAIN_PER_S, FORCE_CORRECTION_N = 40.0, 8.0
 FORCE_GAIN_NS_PER_M = 200.0  # largest gain times mass: half of the damping of a press on a stiff surface
-COMPLIANT_M_PER_S = 0.003  # a surface that yields faster has no force at rest yet
+BOUNCING_M_PER_S = 0.003  # at the bottom it is no rest, whose force could be corrected, from that speed on
 STANDING_N = 10.0  # with which it stands while the fingers move
 SLIDE_M = 0.015  # a target of Apply Force this far aside is slid to
 SQUEEZE_M = 0.01  # by which fingers aim to close further than what they grip is wide
@@ -224,7 +224,8 @@ class SkillController:
             if torque_stop.reached(measured):
                 break
             self._pressed_n = want
-            wrong = 0.0 if slowed_n else want - resists
+            bounces = depth_m is not None and not sinks and abs(speed) > BOUNCING_M_PER_S
+            wrong = 0.0 if slowed_n or bounces else want - resists
             if sinks and resists < RESISTS_SHARE * want:
                 wrong = -self._correction_n  # what was added to press on something else
             corrected = self._correction_n + gain_per_s * DT * wrong

@@ -57,3 +57,16 @@ def test_a_press_on_a_stiff_surface_keeps_its_force_while_a_heavy_arm_turns() ->
     controller.press(14.0, 2.4, path=path)
     pushed = arm.trace().contact[-2000:, 2]
     assert np.ptp(pushed) < 3.0
+
+
+def test_a_pump_is_held_steadily_at_its_stop_by_a_heavy_arm() -> None:
+    """Between its spring and its stop the force of a UR10e swung from 7 to 17 N: 10 N were the limit."""
+    robot = load_robot("ur10e")
+    scenario = moved(SCENARIOS["dispenser"], robot.description.task_offset_m)
+    (pump,) = scenario.surfaces
+    arm = SimulatedArm(robot, CellSimulation(replace(scenario, start=(*pump.center_m, 0.188)), 0.25))
+    controller = SkillController(arm, DEFAULT)
+    controller.contact_direction = np.array([0.0, 0.0, -1.0])
+    controller.press(10.0, 1.5, depth_m=0.024)
+    pushed = arm.trace().contact[-500:, 2]
+    assert 9.0 < pushed.min() < pushed.max() < 11.5

@@ -9,6 +9,7 @@ from caesura_clients import connect, service_liveliness
 from caesura_protocol import recording
 from caesura_protocol.codec import Encoded, encode_error
 from caesura_protocol.errors import CaesuraError, ProtocolError, Unreachable
+from caesura_protocol.transport import inbox as inbox_module
 from caesura_protocol.transport import memory, zenoh_transport
 from caesura_protocol.transport.default_endpoint import DEFAULT_ENDPOINT
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
@@ -169,7 +170,7 @@ def test_a_full_inbox_is_full_of_bytes_too_and_one_item_always_fits():
 
 
 @pytest.mark.parametrize(
-    "module", [service_liveliness, memory, recording, zenoh_transport], ids=lambda one: one.__name__
+    "module", [service_liveliness, inbox_module, memory, recording, zenoh_transport], ids=lambda one: one.__name__
 )
 def test_the_examples_in_docstrings_hold(module):
     result = doctest.testmod(module)

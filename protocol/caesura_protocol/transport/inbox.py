@@ -1,11 +1,16 @@
-"""Received items, and the bounded queue that holds them.
+"""Received items, and the bounded queue that holds them, with a lane for each station.
 
 Rule 1: a callback that receives from the network only enqueues; work happens in the thread that calls `get`.
 A slow callback inside the network library delays every other subscriber of the process.
 
-Rule 2: an inbox holds `capacity` items and `capacity_bytes` of payloads. When it is full the oldest are
-dropped and counted: readers of results detect the gap by sequence numbers, and a dropped query is refused as
-`overloaded`.
+Rule 2: an inbox holds `capacity` items and `capacity_bytes` of payloads. When it is full, a station that
+holds an equal share or more loses its oldest item, and other stations lose nothing to it. Drops are counted:
+readers of results detect the gap by sequence numbers, and a dropped query is refused as `overloaded`.
+
+Rule 3: stations take turns by time (start-time fair queueing, Goyal, Vin & Cheng 1996). The time from one
+`get` to the next is added to the virtual time of the lane that was served, and the lane with the least is
+next. An empty lane restarts at the virtual time of the lane in service, so idle time earns no credit. Items of
+one station keep their order. Keys of another system, such as those of ROS 2, have one lane together.
 """
 
 from __future__ import annotations
@@ -13,14 +18,19 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
+from heapq import heappop, heappush
+from itertools import count
 from types import TracebackType
 from typing import NamedTuple, Protocol, Self
 
 from caesura_protocol.codec import Encoded, encode_error
 from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import ROOT
 
 DEFAULT_CAPACITY = 4096
 CAPACITY_BYTES = 1 << 26  # of payloads; one item may always stay
+LANES = 1024  # whose times are kept at most while they are empty
 
 
 class ReceivedSample(NamedTuple):
@@ -75,57 +85,148 @@ class IncomingQuery(Protocol):
 Item = ReceivedSample | TokenChange | IncomingQuery
 
 
-class Inbox:
-    """A bounded queue between the network and one consumer. Thread-safe."""
+class _Lane:
+    """The queued items of one station, in order."""
 
-    def __init__(self, capacity: int = DEFAULT_CAPACITY, capacity_bytes: int = CAPACITY_BYTES) -> None:
+    __slots__ = ("due", "items", "share", "waits")
+
+    def __init__(self) -> None:
+        self.items: deque[Item] = deque()
+        self.share = 0.0  # of the capacities that they take
+        self.due = 0.0  # [s] virtual time
+        self.waits = False  # it is in the heap of turns
+
+
+class Inbox:
+    """A bounded queue between the network and one consumer, fair among stations. Thread-safe."""
+
+    def __init__(
+        self,
+        capacity: int = DEFAULT_CAPACITY,
+        capacity_bytes: int = CAPACITY_BYTES,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """clock: monotonic [s], by which stations take turns."""
         self.capacity = capacity
         self.capacity_bytes = capacity_bytes
         self.dropped = 0
-        self._items: deque[Item] = deque()
-        self._bytes = 0
+        self._clock = clock
+        self._lanes: dict[str, _Lane] = {}
+        self._turns: list[tuple[float, int, _Lane]] = []  # a heap of lanes with items, but the one in service
+        self._order = count()
+        self._served: _Lane | None = None
+        self._served_s = self._virtual_s = 0.0
+        self._count = self._bytes = 0
         self._changed = threading.Condition()
 
     def offer(self, item: Item) -> None:
-        """Enqueue an item; drop the oldest if the inbox is full. Never blocks."""
+        """Enqueue an item; drop the oldest of its station, or of the fullest, if there is no room.
+
+        Never blocks.
+        """
         dropped: list[Item] = []
+        size = _size(item)
         with self._changed:
-            while self._items and self._is_full(item):
-                dropped.append(self._pop())
-            self._items.append(item)
-            self._bytes += _size(item)
+            name = _lane_of(item.key)
+            lane = self._lanes.get(name) or self._new_lane(name)
+            while self._count and (self._count >= self.capacity or self._bytes + size > self.capacity_bytes):
+                dropped.append(self._pop(self._fullest(lane)))
+            lane.items.append(item)
+            self._account(lane, 1, size)
             self.dropped += len(dropped)
+            self._queue(lane)
             self._changed.notify()
         for oldest in dropped:
             if not isinstance(oldest, ReceivedSample | TokenChange):
                 self._refuse(oldest)
 
     def get(self, timeout_s: float) -> Item | None:
-        """Return the oldest item, or None if none arrived within the timeout."""
+        """Return the next item, or None if none arrived within the timeout."""
         deadline = time.monotonic() + timeout_s
         with self._changed:
-            while not self._items:
+            self._end_turn(self._clock())
+            while not self._count:
                 remaining = deadline - time.monotonic()
                 if remaining <= 0.0:
                     return None
                 self._changed.wait(remaining)
-            return self._pop()
+            lane = self._next_lane()
+            self._served, self._served_s = lane, self._clock()
+            return self._pop(lane)
 
     def __len__(self) -> int:
-        return len(self._items)
+        return self._count
 
-    def _is_full(self, item: Item) -> bool:
-        return len(self._items) >= self.capacity or self._bytes + _size(item) > self.capacity_bytes
+    # --- under the lock ---------------------------------------------------------------------------------
 
-    def _pop(self) -> Item:
-        item = self._items.popleft()
-        self._bytes -= _size(item)
+    def _end_turn(self, now: float) -> None:
+        """Add the time of the work on the last item to its lane, and queue the lane again."""
+        lane, self._served = self._served, None
+        if lane is not None:
+            lane.due += now - self._served_s
+            self._queue(lane)
+
+    def _queue(self, lane: _Lane) -> None:
+        """Queue a lane with items at the virtual time at the earliest, unless it waits or is in service."""
+        if lane.items and not lane.waits and lane is not self._served:
+            lane.waits, lane.due = True, max(lane.due, self._virtual_s)
+            heappush(self._turns, (lane.due, next(self._order), lane))
+
+    def _next_lane(self) -> _Lane:
+        """Return the lane that has had the least time; those of which everything was dropped are skipped."""
+        while True:
+            self._virtual_s, _, lane = heappop(self._turns)
+            lane.waits = False
+            if lane.items:
+                return lane
+
+    def _fullest(self, lane: _Lane) -> _Lane:
+        """Return the lane itself if it holds an equal share or more, else the one that holds most."""
+        holding = max(1, len(self._turns) + (self._served is not None))
+        if lane.items and lane.share * holding >= self._share_of(self._count, self._bytes):
+            return lane
+        return max(self._lanes.values(), key=lambda one: one.share)
+
+    def _pop(self, lane: _Lane) -> Item:
+        item = lane.items.popleft()
+        self._account(lane, -1, -_size(item))
+        if not lane.items:
+            lane.share = 0.0  # without the errors of many sums
         return item
+
+    def _account(self, lane: _Lane, items: int, size: int) -> None:
+        lane.share += self._share_of(items, size)
+        self._count += items
+        self._bytes += size
+
+    def _share_of(self, items: int, size: int) -> float:
+        return items / self.capacity + size / self.capacity_bytes
+
+    def _new_lane(self, name: str) -> _Lane:
+        """Make a lane; beyond LANES empty ones are evicted."""
+        if len(self._lanes) >= LANES:
+            kept = {key: one for key, one in self._lanes.items() if one.items or one is self._served}
+            self._lanes = kept
+        lane = self._lanes[name] = _Lane()
+        return lane
 
     def _refuse(self, question: IncomingQuery) -> None:
         full = ProtocolError("overloaded", "too many questions at once", limit=self.capacity)
         with question:
             question.refuse(encode_error(full))
+
+
+def _lane_of(key: str) -> str:
+    """Return the name of the station or instance in a key; "" for a key of another system.
+
+    >>> _lane_of("caesura/v1/session/cell-1/s1/status"), _lane_of("0/joint_states/Type/Hash")
+    ('cell-1', '')
+    """
+    if not key.startswith(ROOT):
+        return ""
+    parts = key.split("/", 4)
+    return parts[3] if len(parts) > 3 else ""
 
 
 def _size(item: Item) -> int:

@@ -85,7 +85,7 @@ class IncomingQuery(Protocol):
 Item = ReceivedSample | TokenChange | IncomingQuery
 
 
-class _Lane:
+class _StationItems:
     """The queued items of one station, in order."""
 
     __slots__ = ("due", "items", "share", "waits")
@@ -112,10 +112,10 @@ class Inbox:
         self.capacity_bytes = capacity_bytes
         self.dropped = 0
         self._clock = clock
-        self._lanes: dict[str, _Lane] = {}
-        self._turns: list[tuple[float, int, _Lane]] = []  # a heap of lanes with items, but the one in service
+        self._lanes: dict[str, _StationItems] = {}
+        self._turns: list[tuple[float, int, _StationItems]] = []  # a heap of lanes with items, but the one in service
         self._order = count()
-        self._served: _Lane | None = None
+        self._served: _StationItems | None = None
         self._served_s = self._virtual_s = 0.0
         self._count = self._bytes = 0
         self._changed = threading.Condition()
@@ -167,13 +167,13 @@ class Inbox:
             lane.due += now - self._served_s
             self._queue(lane)
 
-    def _queue(self, lane: _Lane) -> None:
+    def _queue(self, lane: _StationItems) -> None:
         """Queue a lane with items at the virtual time at the earliest, unless it waits or is in service."""
         if lane.items and not lane.waits and lane is not self._served:
             lane.waits, lane.due = True, max(lane.due, self._virtual_s)
             heappush(self._turns, (lane.due, next(self._order), lane))
 
-    def _next_lane(self) -> _Lane:
+    def _next_lane(self) -> _StationItems:
         """Return the lane that has had the least time; those of which everything was dropped are skipped."""
         while True:
             self._virtual_s, _, lane = heappop(self._turns)
@@ -181,21 +181,21 @@ class Inbox:
             if lane.items:
                 return lane
 
-    def _fullest(self, lane: _Lane) -> _Lane:
+    def _fullest(self, lane: _StationItems) -> _StationItems:
         """Return the lane itself if it holds an equal share or more, else the one that holds most."""
         holding = max(1, len(self._turns) + (self._served is not None))
         if lane.items and lane.share * holding >= self._share_of(self._count, self._bytes):
             return lane
         return max(self._lanes.values(), key=lambda one: one.share)
 
-    def _pop(self, lane: _Lane) -> Item:
+    def _pop(self, lane: _StationItems) -> Item:
         item = lane.items.popleft()
         self._account(lane, -1, -_size(item))
         if not lane.items:
             lane.share = 0.0  # without the errors of many sums
         return item
 
-    def _account(self, lane: _Lane, items: int, size: int) -> None:
+    def _account(self, lane: _StationItems, items: int, size: int) -> None:
         lane.share += self._share_of(items, size)
         self._count += items
         self._bytes += size
@@ -203,12 +203,12 @@ class Inbox:
     def _share_of(self, items: int, size: int) -> float:
         return items / self.capacity + size / self.capacity_bytes
 
-    def _new_lane(self, name: str) -> _Lane:
+    def _new_lane(self, name: str) -> _StationItems:
         """Make a lane; beyond LANES empty ones are evicted."""
         if len(self._lanes) >= LANES:
             kept = {key: one for key, one in self._lanes.items() if one.items or one is self._served}
             self._lanes = kept
-        lane = self._lanes[name] = _Lane()
+        lane = self._lanes[name] = _StationItems()
         return lane
 
     def _refuse(self, question: IncomingQuery) -> None:

@@ -19,6 +19,11 @@ from caesura_protocol.payload_unpack_limits import PER_CONTAINER
 
 APPS = "apps"
 BLOCK = 4096  # bytes that are compared at once
+MOST_NAME = 64  # [bytes] of a field's name, or of a newer peer's
+ONLY_NAMES = {
+    "max_str_len": MOST_NAME,
+    **dict.fromkeys((f"max_{kind}_len" for kind in ("array", "map", "bin", "ext")), 0),
+}
 
 
 class ProgramDecoder:
@@ -60,7 +65,7 @@ def _apps_of(payload: bytes) -> tuple[int, int, int]:
 
     Raises ValueError if there is no such list.
     """
-    unpacker = msgpack.Unpacker(max_buffer_size=MAX_WHOLE_BYTES)
+    unpacker = msgpack.Unpacker(max_buffer_size=MAX_WHOLE_BYTES, **ONLY_NAMES)
     unpacker.feed(payload)
     for _ in range(unpacker.read_map_header()):
         if unpacker.unpack() == APPS:

@@ -6,24 +6,28 @@ items, which are counted first, without unpacking them. Bytes that are not binar
 one wide character makes a text four times as long. Refusing any message of `tests/bench/refusal_cost.py`
 takes less than a millisecond, and less than a megabyte besides the payload.
 
-Results may be as long as a demonstration. They are unpacked only if all of their bytes are present, because
-an array is allocated by the length in its header. They may have at most as many containers as a valid one of
-their length, and validation ends at the first error. So refusing one costs no more than reading one.
+Changepoints, segments, programs and snapshots may be as long as a demonstration. They are unpacked only if
+all of their bytes are present, because an array is allocated by the length in its header. They may have at
+most as many containers and items as a valid one of their length, and validation ends at the first error. So
+refusing one costs at most three times as much as reading a valid one of its length, in time and in memory.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from itertools import count
 from typing import Any, NamedTuple
 
 import msgpack  # type: ignore[import-untyped]
 
+from caesura_protocol import messages
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import (
     MAX_BATCH_SAMPLES,
     MAX_COLUMNS,
     MAX_GAPS,
+    MAX_HINTS,
+    MAX_HOLES,
+    MAX_STARTS,
     MAX_WHOLE_BYTES,
     PIECE_BYTES,
     Ack,
@@ -37,10 +41,13 @@ from caesura_protocol.messages import (
     EditProgram,
     Error,
     Heartbeat,
+    Hints,
     Message,
     Open,
     Piece,
+    Posterior,
     Preview,
+    RecordedSamples,
     SampleBatch,
     ServiceStatus,
     SessionStatus,
@@ -50,6 +57,14 @@ HEADER_BYTES = 1 << 14  # of a message without its samples
 COMMAND_BYTES = 1 << 15  # of a command: a description before and after takes 18 kB at most
 SHORT = 512  # [bytes] too short for its headers to claim a megabyte
 PER_CONTAINER = 16  # [bytes] of a result, at least: a gap takes 30
+PER_ITEM = 3  # [bytes] of a result, at least: the shortest items are indices of segments, most of three bytes
+MORE_NAMES = 256  # that a result may have: fields of a newer peer. Unpacking many names takes longest of all
+NAMES = frozenset(
+    name
+    for model in vars(messages).values()
+    if isinstance(model, type) and issubclass(model, Message)
+    for name in model.model_fields
+)
 TEXT_BYTES = 1 << 13  # of a string, where items are counted
 _ARRAYS = frozenset({*range(0x90, 0xA0), 0xDC, 0xDD})  # first bytes, by the specification of msgpack
 _MAPS = frozenset({*range(0x80, 0x90), 0xDE, 0xDF})
@@ -78,6 +93,11 @@ BOUNDS: Mapping[type[Message], Bounds] = {
     **dict.fromkeys((Heartbeat, Open, Close, Edit, Preview, Describe, EditProgram, Control), _COMMAND),
     **dict.fromkeys((BridgeControl, BridgeAck, BridgeStatus), _COMMAND),
     Error: Bounds(1 << 16, 512),
+    Posterior: Bounds(1 << 16, 2 * MAX_STARTS + 64, array=MAX_STARTS),
+    Hints: Bounds(1 << 17, 32 * MAX_HINTS),  # twice the fields of today
+    RecordedSamples: Bounds(
+        MAX_WHOLE_BYTES, 8 * MAX_HOLES + 512, array=MAX_HOLES, uncounted=1 << 12, header=1 << 17
+    ),
     Piece: Bounds(HEADER_BYTES + PIECE_BYTES, 64, header=HEADER_BYTES),
     **dict.fromkeys((Ack, SessionStatus, ServiceStatus), _STATUS),
 }
@@ -114,16 +134,19 @@ def unpacked(payload: bytes, bounds: Bounds) -> Any:
 
 
 def _unpacked_long(payload: bytes) -> Any:
-    """Unpack the payload of a result, with a limit on containers that follows from its length."""
-    counting = _counting(SHORT + len(payload) // PER_CONTAINER)
+    """Unpack the payload of a result, with limits on containers and items that follow from its length."""
+    most_items = SHORT + len(payload) // PER_ITEM
+    count_array, count_map = _counting(SHORT + len(payload) // PER_CONTAINER, most_items)
     return msgpack.unpackb(
         payload,
         use_list=False,
         strict_map_key=True,
+        max_array_len=most_items,
+        max_map_len=len(NAMES) + MORE_NAMES,
         max_ext_len=0,
         ext_hook=_no_extension,
-        list_hook=counting,
-        object_hook=counting,
+        list_hook=count_array,
+        object_hook=count_map,
     )
 
 
@@ -132,16 +155,31 @@ def _no_extension(code: int, _: bytes) -> None:
     raise ProtocolError("malformed", "an extension", value=code)
 
 
-def _counting(limit: int) -> Callable[[Any], Any]:
-    """Return a hook that counts unpacked containers. Raises ProtocolError `malformed` past the limit."""
-    containers = count(1)
+def _counting(most: int, most_items: int) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
+    """Return the hooks for arrays and maps that count containers, their items, and unknown names.
 
-    def count_items(container: Any) -> Any:
-        if next(containers) > limit:
-            raise ProtocolError("malformed", "too many containers for its size", limit=limit)
+    They raise ProtocolError `malformed` past a limit.
+    """
+    containers = items = 0
+    unknown: set[str] = set()
+
+    def count_array(container: Any) -> Any:
+        nonlocal containers, items
+        containers += 1
+        items += len(container)
+        if containers > most or items > most_items:
+            limit = most if containers > most else most_items
+            raise ProtocolError("malformed", "too many items for its size", limit=limit)
         return container
 
-    return count_items
+    def count_map(container: Any) -> Any:
+        if not container.keys() <= NAMES:
+            unknown.update(container.keys() - NAMES)
+            if len(unknown) > MORE_NAMES:
+                raise ProtocolError("malformed", "too many unknown names", limit=MORE_NAMES)
+        return count_array(container)
+
+    return count_array, count_map
 
 
 def _check_items(payload: bytes, bounds: Bounds) -> None:

@@ -14,6 +14,7 @@ from caesura_protocol.codec import decode, encode, encoding_of
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import App, Program
 from clients.examples import example
+from harness.heavy import FILLINGS, array_of
 
 ENCODING = encoding_of(Program)
 
@@ -87,3 +88,15 @@ def test_a_list_that_cannot_be_of_apps_is_refused_without_a_look_at_each():
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 20_000_000
+
+
+@pytest.mark.parametrize("filling", ["empty arrays", "empty maps", "empty extensions"])
+def test_a_name_that_is_no_text_is_refused_before_it_is_unpacked(filling: str):
+    """A megabyte of empty arrays in the place of a name took 0.4 s and 68 MB."""
+    payload = b"\x81" + array_of(FILLINGS[filling], 1_000_000) + b"\x01"
+    tracemalloc.start()
+    with pytest.raises(ProtocolError, match="malformed"):
+        ProgramDecoder().decode(payload)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 12_000_000

@@ -170,7 +170,9 @@ def test_a_full_inbox_is_full_of_bytes_too_and_one_item_always_fits():
 
 
 @pytest.mark.parametrize(
-    "module", [service_liveliness, inbox_module, memory, recording, zenoh_transport], ids=lambda one: one.__name__
+    "module",
+    [service_liveliness, inbox_module, memory, recording, zenoh_transport],
+    ids=lambda one: one.__name__,
 )
 def test_the_examples_in_docstrings_hold(module):
     result = doctest.testmod(module)

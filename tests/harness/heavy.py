@@ -25,8 +25,10 @@ from caesura_protocol.messages import (
     Control,
     Error,
     Heartbeat,
+    Hints,
     Message,
     Piece,
+    Posterior,
     SampleBatch,
     ServiceStatus,
     SessionStatus,
@@ -38,7 +40,7 @@ OF_STATIONS: tuple[type[Message], ...] = (
     *(SampleBatch, Heartbeat, Control, Error, Ack),
     *(BridgeControl, BridgeAck, BridgeStatus),
 )
-OF_SERVICES: tuple[type[Message], ...] = (SessionStatus, ServiceStatus, Piece)
+OF_SERVICES: tuple[type[Message], ...] = (SessionStatus, ServiceStatus, Piece, Posterior, Hints)
 BOUNDED = OF_STATIONS + OF_SERVICES
 
 HEAD = {"session": "s1", "epoch": 0, "seq": 0}
@@ -166,6 +168,44 @@ def heavy_messages(model: type[Message], sizes: tuple[int, ...] = SIZES) -> Iter
             for place in ("columns", "type", "wrench_source", "preset", "unheard-of"):
                 command = message_with(OPENING, place, value)
                 yield f"command.{place}: {what}", message_with({}, "command", command)
+
+
+def distinct_keys(size: int, keys: int = 64) -> bytes:
+    """An array of maps of so many bytes, in which no key comes twice."""
+    entries = [b"\xa5" + b"%05d" % number + b"\xc0" for number in range(size // 7)]
+    maps = [entries[first : first + keys] for first in range(0, len(entries) - keys, keys)]
+    return b"\xdd" + len(maps).to_bytes(4, "big") + b"".join(map(_map_of, maps))
+
+
+def _map_of(entries: list[bytes]) -> bytes:
+    return b"\xde" + len(entries).to_bytes(2, "big") + b"".join(entries)
+
+
+def places_in(value: object, above: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
+    """Every place in a tree of maps and arrays, of an array the first item."""
+    if isinstance(value, dict):
+        items: Iterator[tuple[str | int, object]] = iter(value.items())
+    else:
+        items = iter(enumerate(value[:1] if isinstance(value, list) else []))
+    for name, below in items:
+        yield (*above, name)
+        yield from places_in(below, (*above, name))
+
+
+def with_value(tree: object, place: tuple[str | int, ...], value: bytes) -> bytes:
+    """The payload of a tree with msgpack in one place of it."""
+    if not place:
+        return value
+    first, rest = place[0], place[1:]
+    if isinstance(tree, dict):
+        parts = [
+            msgpack.packb(name) + (with_value(one, rest, value) if name == first else msgpack.packb(one))
+            for name, one in tree.items()
+        ]
+        return b"\xde" + len(parts).to_bytes(2, "big") + b"".join(parts)
+    assert isinstance(tree, list)
+    parts = [with_value(one, rest, value) if n == first else msgpack.packb(one) for n, one in enumerate(tree)]
+    return b"\xdd" + len(parts).to_bytes(4, "big") + b"".join(parts)
 
 
 class Cost(NamedTuple):

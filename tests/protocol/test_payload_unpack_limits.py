@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import tracemalloc
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import islice, product
+from pathlib import Path
+from time import process_time
 
 import msgpack
 import pytest
@@ -19,10 +21,16 @@ from caesura_protocol.messages import (
     MAX_COLUMNS,
     MAX_EFFECT_ROWS,
     MAX_GAPS,
+    MAX_HINTS,
+    MAX_HOLES,
     MAX_MESSAGE_BYTES,
+    MAX_STARTS,
     MAX_TAGS,
+    MAX_WHOLE_BYTES,
     Ack,
+    App,
     AppOutline,
+    AppPath,
     AppReference,
     BridgeControl,
     BridgeStatus,
@@ -37,18 +45,25 @@ from caesura_protocol.messages import (
     EditProgram,
     Error,
     Gap,
+    Hint,
+    Hints,
     Message,
     NamePhase,
     Open,
     PhaseOutline,
     Piece,
+    Posterior,
+    Program,
+    RecordedSamples,
     SampleBatch,
     SegmentOutline,
+    Segments,
     ServiceStatus,
     SessionStatus,
     Snapshot,
     Start,
     StationBudgets,
+    ViaPoint,
     WrenchReport,
 )
 from caesura_protocol.payload_unpack_limits import HEADER_BYTES, TEXT_BYTES
@@ -61,12 +76,15 @@ from harness.heavy import (
     NESTS,
     array_of,
     cost_of,
+    distinct_keys,
     heavy_messages,
     message_with,
     nest_of,
+    places_in,
     read,
     refusal_of,
     text_of,
+    with_value,
 )
 
 MOST_BYTES = 1_000_000
@@ -393,3 +411,133 @@ def test_what_a_terminal_prints_is_one_line_without_a_control_character(
 )
 def test_the_longest_description_is_read_in_any_script(message):
     assert decode(*encode(message), type(message)) == message
+
+
+# --- of results: any content in any place, and the longest that are valid --------------------------------
+
+VECTORS = Path(__file__).parents[1] / "vectors"
+SHORT_RESULTS = (Posterior, Hints)
+LONG_RESULTS = (Changepoints, Segments, Program, Snapshot)
+HOSTILE_BYTES = 60_000
+V = (0.1, 0.2, 0.3)
+POSE = ViaPoint(t=1.1, position=V, orientation=(*V, 0.4), velocity=V, angular_velocity=V)
+WAY = {"tn": 2.5, "end_velocity": V, "end_angular_velocity": V, "length_m": 0.1}
+WAY |= dict.fromkeys(("deviation_m", "deviation_rad", "tolerance_m", "tolerance_rad"), 0.1)
+PROGRAM = {"station": "cell-1", "session": "s1", "instance": "caesura-0", "epoch": 1, "version": 1, "t": 0.0}
+NONE = dict.fromkeys(
+    ["target", "orientation", "joints", "force", "force_taught", "load_kg", "load_sd_kg", "gripper_width"],
+    None,
+)
+BARE_APP = App(kind="hold", t0=0.1, tn=1.5, confidence=0.5, segments=(), **NONE)
+
+
+def program_of(apps: tuple[App, ...]) -> Program:
+    return Program(**PROGRAM, complete=True, apps=apps, notes=("",))
+
+
+def sound_result(model: type[Message]) -> bytes:
+    """A valid message of that type, of about HOSTILE_BYTES."""
+    one = Changepoint(t=1.5, probability=0.5, certainty="final", t_low=1.0, t_high=2.0)
+    apps = (BARE_APP.model_copy(update={"path": AppPath(start=POSE, via=(POSE,) * 8, **WAY)}),)
+    tree = msgpack.unpackb((VECTORS / f"{model.__name__}.msgpack").read_bytes())
+    long = {"changepoints": [one.model_dump()], "segments": tree.get("segments")}
+    match model.__name__:
+        case "Snapshot":
+            tree["program"] = msgpack.unpackb(encode(program_of(apps * 100)).payload)
+        case "Program":
+            tree = msgpack.unpackb(encode(program_of(apps * 100)).payload)
+        case name:
+            (field,) = long.keys() & tree.keys()
+            size = len(msgpack.packb(long[field]))
+            tree[field] = long[field] * max(1, HOSTILE_BYTES // size)
+            assert name in {"Changepoints", "Segments"}
+    return msgpack.packb(tree)
+
+
+def processor_time(act: Callable[[], object], tries: int = 5) -> float:
+    """The least of some tries [s]."""
+    spent = []
+    for _ in range(tries):
+        began = process_time()
+        act()
+        spent.append(process_time() - began)
+    return min(spent)
+
+
+def hostile_results(model: type[Message], size: int) -> Iterator[tuple[str, bytes]]:
+    """(what it is, payload) with costly content in every place of a valid result, at any depth."""
+    tree = msgpack.unpackb((VECTORS / f"{model.__name__}.msgpack").read_bytes()) | {"unheard-of": 0}
+    names = ("numbers", "floats", "short texts", "arrays of 64", "arrays of 64 maps")
+    values = {name: array_of(FILLINGS[name], size) for name in names}
+    values |= {"distinct keys": distinct_keys(size), "a text": text_of(size)}
+    for place, (what, value) in product(places_in(tree), values.items()):
+        yield f"{place}: {what}", with_value(tree, place, value)
+
+
+@pytest.mark.parametrize("model", SHORT_RESULTS, ids=lambda model: model.__name__)
+def test_a_result_that_is_always_short_is_refused_before_it_is_unpacked(model):
+    """A posterior of a million numbers took 53 ms and 42 MB."""
+    for what, payload in hostile_results(model, MAX_MESSAGE_BYTES - 9000):
+        assert read(payload, model), what
+        assert peak_of(lambda payload=payload: read(payload, model)) < 100_000, what
+    for what, payload in hostile_results(model, 60_000):
+        assert_cheap(payload, model, what)
+
+
+@pytest.mark.parametrize("model", LONG_RESULTS, ids=lambda model: model.__name__)
+def test_refusing_a_result_costs_little_more_than_reading_a_sound_one_wherever_it_is_wrong(model):
+    """A million bytes in the `do` of a correction took 144 ms: all of them were in the error."""
+    sound = sound_result(model)
+    assert not read(sound, model)
+    reading = processor_time(lambda: read(sound, model)) * HOSTILE_BYTES / len(sound)
+    taking = peak_of(lambda: read(sound, model)) * HOSTILE_BYTES / len(sound)
+    some = 7 if model is Snapshot else 1  # what is within it is tried by itself
+    for what, payload in islice(hostile_results(model, HOSTILE_BYTES), 0, None, some):
+        cost = processor_time(lambda payload=payload: read(payload, model), tries=1)
+        if cost > 3.0 * reading:
+            cost = processor_time(lambda payload=payload: read(payload, model))
+        assert cost < 3.0 * reading, what
+    for what, payload in islice(hostile_results(model, HOSTILE_BYTES), 0, None, 5 * some):
+        assert peak_of(lambda payload=payload: read(payload, model)) < 3.0 * taking, what
+
+
+TEXT = 200 * "\U0001f600"
+HINT = Hint(kind="too_fast", since=1.5, until=2.5, text=TEXT, advice=TEXT, t0=1.5, tn=2.5)
+HOLE = Gap(t0=1e9 / 3, tn=1e9 / 3, reason="evicted")
+NUMBERS = st.one_of(st.integers(0, 127), st.integers(128, 70_000))
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        Posterior(**HEADER, starts=(1e9 / 3,) * MAX_STARTS, probabilities=(0.1,) * MAX_STARTS),
+        Hints(**HEADER, hints=(HINT,) * MAX_HINTS),
+        RecordedSamples(
+            **{name: HEADER[name] for name in ("station", "session", "instance", "epoch")},
+            t0=1e9 / 3,
+            tn=1e9 / 3,
+            bin_s=0.1,
+            first=1e9 / 3,
+            last=1e9 / 3,
+            available=("x" * 240,) * MAX_COLUMNS,
+            columns=("x" * 240,) * MAX_COLUMNS,
+            counts=(70_000,) * MAX_COLUMNS,
+            points=bytes(900_000),
+            holes=(HOLE,) * MAX_HOLES,
+        ),
+    ],
+    ids=lambda message: type(message).__name__,
+)
+def test_the_longest_result_of_a_bounded_type_is_read(message):
+    assert decode(*encode(message), type(message)) == message
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(1, 3000), st.lists(NUMBERS, max_size=400, unique=True), st.booleans(), st.integers(0, 64))
+def test_a_program_of_an_hour_is_read_whatever_its_apps_lack(count, segments, moves, via):
+    """The shortest fields, the most of them, and more segments an app than an hour has."""
+    path = AppPath(start=POSE, via=(POSE,) * via, **WAY) if moves else None
+    app = BARE_APP.model_copy(update={"segments": tuple(segments), "path": path})
+    program = program_of((app,) * min(count, 40_000 // (1 + len(segments) + 10 * via)))
+    payload, encoding = encode(program, limit=MAX_WHOLE_BYTES)
+    assert decode(payload, encoding, Program, limit=MAX_WHOLE_BYTES) == program

@@ -13,6 +13,7 @@ from caesura_protocol.messages.field_types import (
     Author,
     ChangedField,
     Count,
+    Inferred,
     Joints,
     Listed,
     Newtons,
@@ -20,7 +21,6 @@ from caesura_protocol.messages.field_types import (
     Probability,
     Quaternion,
     Seconds,
-    Shown,
     SpeedFactor,
     Vector,
 )
@@ -64,7 +64,7 @@ class AppChange(Message):
     field: ChangedField
     author: Author
     edit: Count  # its number
-    inferred: Shown = None  # the value without edits; of a force its size [N]
+    inferred: Inferred = None  # the value without edits; of a force its size [N]
 
 
 class RestForce(Message):

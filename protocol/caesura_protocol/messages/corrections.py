@@ -18,6 +18,7 @@ from caesura_protocol.messages.field_types import (
     PhaseKind,
     PhaseName,
     Seconds,
+    ShortTag,
     Vector,
 )
 from caesura_protocol.messages.limits import MAX_EFFECT_ROWS
@@ -184,6 +185,6 @@ class Correction(Message):
     number: Count  # of this one, from 1; undo and redo count
     author: Author
     at: Seconds  # [s] time of day (UTC)
-    action: Annotated[Change, Field(discriminator="do")]
+    action: Annotated[Change, Field(discriminator="do"), ShortTag]
     state: EditState = "applied"
     reason: str | None = None  # why it is not applied

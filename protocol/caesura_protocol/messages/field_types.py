@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, TypeVar, get_args
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
-from caesura_protocol.errors import ErrorCode
+from caesura_protocol.errors import MAX_LISTED, ErrorCode
 from caesura_protocol.keys import NAME_PATTERN
 from caesura_protocol.messages.limits import LEAST_SPEED, MAX_COLUMNS, MAX_STATUS_TEXT, MOST_SPEED
 from caesura_protocol.up_direction import checked_up
@@ -69,6 +69,7 @@ Amount = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Newtons = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 ForceLimit = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]  # [N]
 Tolerance = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]  # [m] or [rad]
+MAX_TAG = 64  # characters of the `do` of an action
 UNPRINTABLE = r"\u0000-\u001f\u007f-\u009f\u00ad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
 LINE = f"^[^{UNPRINTABLE}]+$"
 Author = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]
@@ -98,4 +99,15 @@ Up = Annotated[FiniteVector, AfterValidator(checked_up)]  # away from gravity, b
 Quaternion = tuple[float, float, float, float]
 Joints = Annotated[Listed[float], Field(min_length=1, max_length=JOINTS_MOST)]  # base to flange
 Scalar = bool | int | float | str | None
+Inferred = Scalar | Annotated[Listed[Scalar], Field(max_length=MAX_LISTED)]  # value of an app
 Shown = Scalar | Listed[Scalar]  # of a value that was refused
+
+
+def _with_short_tag(value: Any) -> Any:
+    """Return the value. Raises ValueError for a `do` that is no short text: pydantic prints all of it."""
+    if isinstance(value, dict) and not (isinstance(do := value.get("do"), str) and len(do) <= MAX_TAG):
+        raise ValueError("do is no short text")
+    return value
+
+
+ShortTag = BeforeValidator(_with_short_tag)  # of an action within a result, which may be long

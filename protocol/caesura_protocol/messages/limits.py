@@ -25,3 +25,4 @@ LEAST_SPEED, MOST_SPEED = 0.1, 2.0  # factors of the taught speed that an app, o
 MAX_STATUS_TEXT = 1000  # characters of what a bridge says of itself
 MAX_SOURCE = 64  # characters of the name of what it reads from
 MAX_HINTS = 64  # that a message lists
+MAX_STARTS = 2048  # possible starts of a segment that a message lists

@@ -22,6 +22,7 @@ from caesura_protocol.messages.field_types import (
     Newtons,
     Note,
     Seconds,
+    ShortTag,
     SpeedFactor,
     TaskName,
     Tolerance,
@@ -145,7 +146,7 @@ class ProgramEdit(Message):
     number: Count  # of this one, from 1; undo and redo count
     author: Author
     at: Seconds  # [s] time of day (UTC)
-    action: ProgramChange
+    action: Annotated[ProgramChange, ShortTag]
     state: EditState
     reason: str | None = None  # why it is not applied; of an applied one which app has other times by now
     apps: Annotated[

@@ -22,7 +22,7 @@ from caesura_protocol.messages.field_types import (
     Seconds,
     Vector,
 )
-from caesura_protocol.messages.limits import MAX_HINTS
+from caesura_protocol.messages.limits import MAX_HINTS, MAX_STARTS
 from caesura_protocol.messages.message import Message
 
 
@@ -140,8 +140,8 @@ class Segments(Result):
 class Posterior(Result):
     """Probability of each possible start of the current segment."""
 
-    starts: Listed[float]  # [s]
-    probabilities: Listed[float]
+    starts: Annotated[Listed[float], Field(max_length=MAX_STARTS)]  # [s]
+    probabilities: Annotated[Listed[float], Field(max_length=MAX_STARTS)]
 
 
 class Hint(Message):

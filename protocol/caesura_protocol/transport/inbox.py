@@ -9,8 +9,8 @@ readers of results detect the gap by sequence numbers, and a dropped query is re
 
 Rule 3: stations take turns by time (start-time fair queueing, Goyal, Vin & Cheng 1996). The time from one
 `get` to the next is added to the virtual time of the lane that was served, and the lane with the least is
-next. An empty lane restarts at the virtual time of the lane in service, so idle time earns no credit. Items of
-one station keep their order. Keys of another system, such as those of ROS 2, have one lane together.
+next. An empty lane restarts at the virtual time of the lane in service, so idle time earns no credit. Items
+of one station keep their order. Keys of another system, such as those of ROS 2, have one lane together.
 """
 
 from __future__ import annotations
@@ -113,7 +113,9 @@ class Inbox:
         self.dropped = 0
         self._clock = clock
         self._lanes: dict[str, _StationItems] = {}
-        self._turns: list[tuple[float, int, _StationItems]] = []  # a heap of lanes with items, but the one in service
+        self._turns: list[
+            tuple[float, int, _StationItems]
+        ] = []  # a heap of lanes with items, but the one in service
         self._order = count()
         self._served: _StationItems | None = None
         self._served_s = self._virtual_s = 0.0

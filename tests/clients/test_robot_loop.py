@@ -4,6 +4,8 @@ That is kept by construction: `send` calls nothing of the transport, and no lock
 somebody calls the transport. How long it takes under real faults is measured by `make faults`.
 """
 
+import os
+import sys
 import threading
 from contextlib import contextmanager
 
@@ -142,3 +144,65 @@ def test_send_goes_on_while_batches_are_sent_again_and_while_the_session_is_open
         assert a_loop(bridge, 200, t0=0.2)
         stuck.free.set()
         thread.join(DEADLINE_S)
+
+
+class Scheduling:
+    """The scheduling of the system's threads, by native id; 0 is the calling thread."""
+
+    def __init__(self, monkeypatch, policy, priority, refusal=None):
+        self.of = {0: (policy, priority)}
+        self.refusal = refusal
+        monkeypatch.setattr(os, "sched_getscheduler", lambda thread: self.of[thread][0])
+        monkeypatch.setattr(os, "sched_getparam", lambda thread: os.sched_param(self.of[thread][1]))
+        monkeypatch.setattr(os, "sched_setscheduler", self.set)
+
+    def set(self, thread, policy, param):
+        if self.refusal is not None:
+            raise self.refusal
+        self.of[thread] = policy, param.sched_priority
+
+
+def sent_with(memory):
+    """Send samples; return the native ids of the bridge's threads."""
+    with FakeService(memory.transport()), Bridge(memory.transport(), "cell-1", LiveSource()) as bridge:
+        bridge.wait_open(DEADLINE_S)
+        bridge.send(samples(20))
+        bridge.send(samples(20, t0=0.02))
+        return {one.native_id for one in threading.enumerate() if "cell-1" in one.name}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="threads have no priorities of their own")
+@pytest.mark.parametrize(("priority", "shared"), [(10, 9), (1, 1)])
+def test_the_threads_of_a_bridge_have_a_priority_just_below_that_of_the_loop(
+    memory, monkeypatch, priority, shared
+):
+    """Without one they held the interpreter's lock for 24 ms while the machine ran other processes."""
+    scheduling = Scheduling(monkeypatch, os.SCHED_FIFO, priority)
+    threads = sent_with(memory)
+    assert len(threads) == 3
+    assert scheduling.of == {0: (os.SCHED_FIFO, priority), **dict.fromkeys(threads, (os.SCHED_FIFO, shared))}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="threads have no priorities of their own")
+def test_the_threads_of_a_bridge_keep_their_priority_where_the_loop_has_none(memory, monkeypatch):
+    scheduling = Scheduling(monkeypatch, os.SCHED_OTHER, 0)
+    assert sent_with(memory)
+    assert scheduling.of == {0: (os.SCHED_OTHER, 0)}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="threads have no priorities of their own")
+def test_a_system_that_refuses_a_priority_is_named_and_the_loop_goes_on(memory, monkeypatch, caplog):
+    Scheduling(monkeypatch, os.SCHED_FIFO, 10, PermissionError(1, "Operation not permitted"))
+    threads = sent_with(memory)
+    assert caplog.text.count("Operation not permitted") == len(threads)
+
+
+def test_no_thread_takes_the_lock_of_the_robots_loop_before_samples_have_waited(memory):
+    with FakeService(memory.transport()), Bridge(memory.transport(), "cell-1", LiveSource()) as bridge:
+        sender = bridge._sender
+        bridge.send(samples(1))
+        with sender._numbering:
+            flushing = threading.Thread(target=lambda: sender.flush(older_than_s=3600.0), daemon=True)
+            flushing.start()
+            flushing.join(DEADLINE_S)
+            assert not flushing.is_alive()

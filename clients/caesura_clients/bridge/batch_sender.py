@@ -73,7 +73,12 @@ class BatchSender:
             self._work.set()
 
     def flush(self, *, older_than_s: float = 0.0) -> None:
-        """Number the pending samples as a batch of their own, if the first has waited for `older_than_s`."""
+        """Number the pending samples as a batch of their own, if the first has waited for `older_than_s`.
+
+        Before that it takes no lock, for which the robot's thread could wait.
+        """
+        if self._clock() - self._pending_since < older_than_s:
+            return
         with self._numbering:
             if self._clock() - self._pending_since >= older_than_s:
                 for batch in self._batcher.flush():

@@ -40,6 +40,7 @@ from pydantic import ValidationError
 from caesura_clients.bridge.batch_sender import BatchSender
 from caesura_clients.bridge.control_client import ControlClient
 from caesura_clients.bridge.marker_queue import MarkerQueue
+from caesura_clients.bridge.real_time_priority import share_priority
 from caesura_clients.bridge.replay_ring import ReplayRing
 from caesura_clients.bridge.replay_server import ReplayServer
 from caesura_clients.bridge.send_thread import SendThread
@@ -144,6 +145,8 @@ class Bridge:
         self._stopped = threading.Event()  # the demonstration is over: it takes no samples
         self._failure: Exception | None = None
         self._services = Inbox()
+        self._keeper = threading.Thread(target=self._run_keeper, name=f"keeper {station}", daemon=True)
+        self._shares_priority = False  # the threads have that of the robot's loop
         self._send_thread = SendThread(
             self._sender,
             f"send {station}",
@@ -201,10 +204,9 @@ class Bridge:
             stack.enter_context(self._transport.watch_liveliness(service_key("*", "alive"), self._services))
             if self._holds_token:
                 stack.enter_context(self._transport.declare_token(station_key(self.station, "alive")))
-            keeper = threading.Thread(target=self._run_keeper, name=f"keeper {self.station}", daemon=True)
             stack.enter_context(self._send_thread)
-            keeper.start()
-            stack.callback(keeper.join)
+            self._keeper.start()
+            stack.callback(self._keeper.join)
             stack.callback(self._over.set)
             self._stack = stack.pop_all()
         return self
@@ -258,6 +260,9 @@ class Bridge:
         no session accepts or that are probably in another unit; ProtocolError once the service has refused
         the session; CaesuraError once it is closed. After `stop` it drops the samples.
         """
+        if not self._shares_priority:
+            self._shares_priority = True
+            share_priority((self._send_thread.thread, self._replay.thread, self._keeper))
         self._raise_failure()
         if self._stopped.is_set():
             return

@@ -25,13 +25,13 @@ class QueryThread:
         self._answer_query = answer
         self._inbox = Inbox(QUERIES)
         self._stopped = threading.Event()
+        self.thread = threading.Thread(target=self._serve, name=key, daemon=True)
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            thread = threading.Thread(target=self._serve, name=self.key, daemon=True)
-            thread.start()
-            stack.callback(thread.join)
+            self.thread.start()
+            stack.callback(self.thread.join)
             stack.callback(self._stopped.set)
             stack.enter_context(self._transport.declare_queryable(self.key, self._inbox))
             self._stack = stack.pop_all()

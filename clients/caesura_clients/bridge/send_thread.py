@@ -28,17 +28,17 @@ class SendThread:
         self._max_latency_s = max_latency_s
         self._heartbeat_s = heartbeat_s
         self._over = over
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self.thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     def __enter__(self) -> Self:
-        self._thread.start()
+        self.thread.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._over.set()
-        self._thread.join()
+        self.thread.join()
 
     def _run(self) -> None:
         try:

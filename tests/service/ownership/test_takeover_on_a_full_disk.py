@@ -186,8 +186,9 @@ def test_a_station_that_is_let_go_of_in_the_middle_of_a_record_is_not_taken_over
     monkeypatch.setattr(b.registry, "take_over", failing)
     manager.handle_event(Watching())
     manager.handle_event(RouterLinkChanged(True))
-    b.registry.slices.slice_s = 0.0
-    assert not b.registry.slices.begin(TAKEOVER, lambda: outputs.extend(manager.step()))
+    manager._takeovers.slices.slice_s = 0.0
+    b.registry.slices.begin(TAKEOVER, lambda: outputs.extend(manager.step()))
+    assert manager._takeovers.slices.is_under_way(STATION)
     manager.handle_event(LivelinessChanged("service", "a", True))
     while (idle_s := manager.idle_s()) < 60.0:
         now[0] += idle_s

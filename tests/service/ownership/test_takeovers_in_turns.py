@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from time import perf_counter
 
 import pytest
 
+from caesura_service.cooperative_scheduler import SLICE_S, give_way
 from caesura_service.ownership.takeovers_in_turns import TakeoversInTurns
 
 
@@ -90,3 +92,79 @@ def test_one_that_is_given_up_is_closed():
     turns.cancel("c")
     turns.cancel("a")
     assert (closed, bool(turns)) == ([True], False)
+
+
+# --- within a record
+
+LONG_S = 40 * SLICE_S
+
+
+def slow_takeover(log: list[str], name: str, records: int, lasts_s: float = 0.0) -> Iterator[list[str]]:
+    """One whose records each last so long, and give way within."""
+    try:
+        for _ in range(records):
+            until = perf_counter() + lasts_s
+            while perf_counter() < until:
+                give_way()
+            log.append(name)
+            yield [name]
+    finally:
+        log.append(f"{name} ends")
+
+
+def run_all(turns: TakeoversInTurns) -> list[str]:
+    given = []
+    while turns:
+        given += turns.step(turns.next_station()) or []
+    return given
+
+
+def test_a_long_record_of_one_station_gives_way_to_the_takeovers_of_others():
+    turns, log = TakeoversInTurns(), []
+    turns.begin("long", slow_takeover(log, "long", 1, LONG_S))
+    turns.begin("short", slow_takeover(log, "short", 20))
+    assert sorted(run_all(turns)) == ["long"] + 20 * ["short"]
+    assert log.index("short ends") < log.index("long")
+
+
+def test_a_step_lasts_for_a_slice_and_not_for_a_record():
+    turns, log = TakeoversInTurns(), []
+    turns.begin("long", slow_takeover(log, "long", 1, LONG_S))
+    assert turns.step("long") == []
+    assert (log, [*turns.stations]) == ([], ["long"])
+
+
+def test_a_takeover_that_is_given_up_within_a_record_ends_with_it():
+    turns, log = TakeoversInTurns(), []
+    turns.begin("long", slow_takeover(log, "long", 1, LONG_S))
+    turns.step("long")
+    turns.cancel("long")
+    assert (log, bool(turns)) == (["long", "long ends"], False)
+    turns.begin("long", slow_takeover(log, "long", 1))
+    assert run_all(turns) == ["long"]
+
+
+def test_what_a_long_record_raises_ends_its_takeover_alone():
+    def failing() -> Iterator[list[str]]:
+        until = perf_counter() + LONG_S
+        while perf_counter() < until:
+            give_way()
+        raise OSError("unreadable")
+        yield []
+
+    turns, log = TakeoversInTurns(), []
+    turns.begin("bad", failing())
+    turns.begin("good", slow_takeover(log, "good", 3))
+    with pytest.raises(OSError, match="unreadable"):
+        run_all(turns)
+    assert run_all(turns) == []
+    assert log.count("good") == 3
+
+
+def test_all_are_completed_at_once_also_one_that_is_within_a_record():
+    turns, log = TakeoversInTurns(), []
+    turns.begin("long", slow_takeover(log, "long", 2, LONG_S))
+    turns.begin("short", slow_takeover(log, "short", 3))
+    turns.step("long")
+    assert turns.complete() == []
+    assert (log.count("long"), log.count("short"), bool(turns)) == (2, 3, False)

@@ -15,8 +15,9 @@ from typer.testing import CliRunner
 
 from caesura_clients import Caesura
 from caesura_clients.cli.commands import register
+from caesura_clients.program_editing import reference
 from caesura_protocol.app_kinds import APP_KINDS
-from caesura_protocol.messages import App, Program
+from caesura_protocol.messages import App, DuplicateApp, Program
 from dashboard.browser import DESK, PATIENCE_MS, Visitor, looks_right, needs_chromium
 from dashboard.stage import Stage
 from harness.demonstrations import guided
@@ -29,11 +30,11 @@ class Desk:
     """An operator at the program of a session that is over, and the service beside it."""
 
     def __init__(self, visitor: Visitor, caesura: Caesura, station: str) -> None:
-        self.visitor, self.page, self._caesura, self._station = visitor, visitor.page, caesura, station
+        self.visitor, self.page, self._caesura, self.station = visitor, visitor.page, caesura, station
 
     @property
     def program(self) -> Program:
-        return self._caesura.snapshot(self._station, "over").program
+        return self._caesura.snapshot(self.station, "over").program
 
     def number(self, kind: str) -> int:
         return next(i for i, one in enumerate(self.program.apps) if one.kind == kind)
@@ -302,3 +303,38 @@ def test_a_press_is_inserted_with_force_and_duration_and_refused_as_by_the_comma
     assert made.tn - made.t0 == pytest.approx(3.5)
     assert made.target == taught[-1].target
     expect(desk.page.locator(".app").last.locator("dl")).to_contain_text("(1.5, 0.0, -8.0) N")
+
+
+def test_every_app_of_a_long_program_is_reached_and_edited_by_the_keys(desk: Desk, stage: Stage):
+    """The page listed the newest 100 apps, and edits of earlier ones needed the command line."""
+    page, visitor = desk.page, desk.visitor
+    with stage.reader() as caesura:
+        for _ in range(3, 104):
+            last = caesura.snapshot(desk.station, "over").program.apps[-1]
+            caesura.edit_program(desk.station, "over", DuplicateApp(app=reference(last)), author="Bob")
+    parts, listed = page.get_by_role("navigation", name="Apps that are listed"), page.locator(".app h3")
+    expect(parts.get_by_role("status")).to_have_text("Apps 5 to 104 of 104")
+    looks_right(visitor, "parts", within=".parts")
+
+    parts.get_by_role("spinbutton").fill("2")
+    parts.get_by_role("spinbutton").press("Enter")
+    expect(page.get_by_label("Edit app 2", exact=True), "it can be edited at once").to_be_focused()
+    page.keyboard.press("Enter")
+    card = page.locator(".app").nth(1)
+    card.locator(".app-name").fill("Press here")
+    card.locator(".app-name").press("Enter")
+    expect(listed.nth(1)).to_have_text("2 · Press here")
+    assert desk.program.apps[1].name == "Press here"
+
+    parts.get_by_role("button", name="Newest").press("Enter")
+    expect(parts.get_by_role("status")).to_have_text("Apps 5 to 104 of 104")
+    page.get_by_label("Edit app 5", exact=True).press("Enter")
+    page.get_by_role("button", name="Run app 5 earlier").press("Enter")
+    earlier = page.get_by_role("button", name="Run app 4 earlier")
+    expect(earlier, "what leaves its part stays in sight").to_be_visible()
+    assert desk.program.edits[-1].action.do == "move"
+    parts.get_by_role("button", name="First").press("Enter")
+    expect(listed.first).to_contain_text("1 ·")
+    parts.get_by_role("button", name="Later apps").press("Enter")
+    expect(listed.last).to_contain_text("104 ·")
+    assert page.locator(".program-path summary").inner_text() == "Path in 3D", "the path is whole"

@@ -71,9 +71,18 @@ def test_a_timeline_has_its_version_and_what_a_reader_must_know():
 
 def test_a_long_program_shows_its_newest_apps_by_their_numbers():
     program = example(Program).model_copy(update={"apps": (app(),) * 250})
-    shown = Timeline(newest=100).of(program)
-    assert shown["before"] == 150
+    shown = Timeline(listed=100).of(program)
+    assert (shown["before"], shown["after"]) == (150, 0)
     assert [one["number"] for one in shown["apps"]] == list(range(151, 251))
+
+
+@pytest.mark.parametrize(("last", "listed"), [(170, (71, 170)), (30, (1, 100)), (999, (151, 250))])
+def test_every_part_of_a_long_program_is_shown_on_request(last, listed):
+    program = example(Program).model_copy(update={"apps": (app(),) * 250})
+    shown = Timeline(listed=100).of(program, last=last)
+    numbers = [one["number"] for one in shown["apps"]]
+    assert (numbers[0], numbers[-1]) == listed
+    assert (shown["before"], shown["after"]) == (listed[0] - 1, 250 - listed[1])
 
 
 class Browser:
@@ -84,9 +93,9 @@ class Browser:
 
     def apply(self, payload: dict) -> None:
         held, self.shown = self.shown, {**self.shown, **payload}
-        for name in ROWS & payload.keys():
+        for name in ROWS.keys() & payload.keys():
             first, rows = payload[name]["first"], payload[name]["rows"]
-            before = self.shown["before"]
+            before = self.shown[ROWS[name]]
             kept = [row for row in held.get(name, []) if before < row["number"] < first]
             self.shown[name] = kept + rows
 
@@ -113,14 +122,16 @@ def test_a_page_that_takes_every_change_has_all_that_is_shown():
         taught(0.7, *places[1:]),
         taught(*places[:3]).model_copy(update={"session": "another"}),
     ]
-    made, browser, sent = Timeline(newest=8), Browser(), {}
+    made, browser, sent = Timeline(listed=8, drawn=12), Browser(), {}
     for program in programs:
-        shown = made.of(program)
-        assert shown == Timeline(newest=8).of(program), "what was made before is what would be made now"
-        browser.apply(changes(sent, shown))
-        assert browser.shown == shown
-        assert changes(shown, made.of(program)) == {}
-        sent = shown
+        for last in (None, 9, 3, 25):
+            shown = made.of(program, last=last)
+            afresh = Timeline(listed=8, drawn=12).of(program, last=last)
+            assert shown == afresh, "what was made before is what would be made now"
+            browser.apply(changes(sent, shown))
+            assert browser.shown == shown
+            assert changes(shown, made.of(program, last=last)) == {}
+            sent = shown
 
 
 @pytest.mark.parametrize("count", [20, 90, 400])

@@ -169,6 +169,7 @@ class ProgramTimeline(LiveElement, component="web/program.js"):
         on_simulate: Callable[[GenericEventArguments], Any],
         on_cancel: Callable[[], Any],
         on_compare: Callable[[GenericEventArguments], Any],
+        on_part: Callable[[GenericEventArguments], Any],
         *,
         editable: bool,
         speeds: Sequence[str],
@@ -176,7 +177,7 @@ class ProgramTimeline(LiveElement, component="web/program.js"):
         """on_simulate: called with one of `speeds`.
 
         Empty `speeds` disable the simulation. on_cancel: ends it. on_compare: called with the numbers of the
-        last edits of two versions.
+        last edits of two versions. on_part: called with the number of the last app to list; None: the newest.
         """
         super().__init__()
         self._props |= {"editable": editable, "speeds": list(speeds)}
@@ -185,6 +186,7 @@ class ProgramTimeline(LiveElement, component="web/program.js"):
         self.on("simulate", on_simulate)
         self.on("cancel", on_cancel)
         self.on("compare", on_compare)
+        self.on("part", on_part)
 
     def follow(self, timeline: dict[str, Any]) -> None:
         """Send the changes of a timeline."""

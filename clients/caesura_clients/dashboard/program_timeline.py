@@ -19,8 +19,9 @@ from caesura_protocol.reproduced_path import NAMED_TURN_RAD, turn_of
 from caesura_protocol.screw_torque_and_text import screw_in_words
 from caesura_protocol.session_time_display import NO_OFFSET, SessionClock
 
-NEWEST = 100  # apps that are drawn
-ROWS = {"apps", "path"}  # what a page has row by row
+LISTED = 100  # apps of which a page has cards at a time
+DRAWN = 200  # apps that a program may have whose whole path is drawn; of a longer one, the path of the cards
+ROWS = {"apps": "before", "path": "pathBefore"}  # what a page has row by row, and how many come before
 
 Row = dict[str, Any]
 Findings = Mapping[int, list[list[str]]]
@@ -29,34 +30,44 @@ Findings = Mapping[int, list[list[str]]]
 class Timeline:
     """The timeline of a growing program, as the page shows it; unchanged rows are reused."""
 
-    def __init__(self, newest: int = NEWEST) -> None:
-        """newest: number of apps that are shown of a long program."""
-        self._newest = newest
+    def __init__(self, listed: int = LISTED, drawn: int = DRAWN) -> None:
+        """listed: number of apps that are listed at a time. drawn: of a program whose whole path is drawn."""
+        self._listed, self._drawn = listed, drawn
         self._apps: Sequence[App] = ()
         self._placed: Sequence[App] = ()  # at the times of the document
         self._cards: dict[int, Row] = {}
-        self._path: list[Row] = []  # of the apps from `_before` on
-        self._before = 0
+        self._path: list[Row] = []  # of the apps from `_path_before` on
+        self._path_before = 0
 
-    def of(self, program: Program, clock: SessionClock = NO_OFFSET) -> dict[str, Any]:
-        """Return the payload of a program: the newest apps, the number of earlier ones, and their path.
+    def of(
+        self, program: Program, clock: SessionClock = NO_OFFSET, last: int | None = None
+    ) -> dict[str, Any]:
+        """Return the payload of a program: a part of its apps, the numbers of those around it, and the path.
 
-        clock: of the session, for text; times in apps and path are on the clock of the samples.
+        clock: of the session, for text; times in apps and path are on the clock of the samples. last: the
+        number of the last app of the part; None for the newest apps.
         """
-        before = max(0, len(program.apps) - self._newest)
+        count = len(program.apps)
+        end = count if last is None else min(count, max(last, self._listed))
+        before = max(0, end - self._listed)
+        drawn = (0, count) if count <= self._drawn else (before, end)
         placed, of_program, of_apps = checked(program, clock)
-        self._make_path(placed, before)
-        self._make_cards(program.apps, before, of_apps)
+        self._make_path(placed[: drawn[1]], drawn[0])
+        self._make_cards(program.apps, before, end, of_apps)
         return {
             **editing_of(program, clock),
             "start": clock.start_s,
             "findings": of_program,
+            "found": [index + 1 for index, found in sorted(of_apps.items()) if found],
             "version": program.version,
             "complete": program.complete,
             "author": program.author or "",
             "edited": program.edited,
             "notes": [clock.text(note) for note in program.notes],
             "before": before,
+            "after": count - end,
+            "pathBefore": drawn[0],
+            "pathAfter": count - drawn[1],
             "path": self._path,
             "apps": list(self._cards.values()),
         }
@@ -64,19 +75,19 @@ class Timeline:
     def _make_path(self, placed: Sequence[App], before: int) -> None:
         """Rebuild the path's rows from the first app that differs on; all rows if their start has changed."""
         begins_alike = target_before(self._placed, before) == target_before(placed, before)
-        is_known = begins_alike and before >= self._before
+        is_known = begins_alike and before >= self._path_before
         first = _first_other(self._placed, placed, before) if is_known else before
         kept = [row for row in self._path if before < row["number"] <= first]
-        self._path, self._placed, self._before = kept + program_path(placed, first), placed, before
+        self._path, self._placed, self._path_before = kept + program_path(placed, first), placed, before
 
-    def _make_cards(self, apps: Sequence[App], before: int, findings: Findings) -> None:
+    def _make_cards(self, apps: Sequence[App], before: int, end: int, findings: Findings) -> None:
         """Rebuild the cards from the one before the first changed app on, and those with other findings.
 
         A card states the two apps before it and the one after it.
         """
         first = _first_other(self._apps, apps, max(0, before - 2))
         cards = {}
-        for index in range(before, len(apps)):
+        for index in range(before, end):
             found = findings.get(index, [])
             known = self._cards.get(index) if index < first - 1 else None
             if known is None or known["findings"] != found:
@@ -98,10 +109,10 @@ def changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, An
     if before.get("session") != after["session"]:
         before = {}
     found = {name: value for name, value in after.items() if name not in before or before[name] != value}
-    for name in ROWS & found.keys():
-        known = [row for row in before.get(name, ()) if row["number"] > after["before"]]
+    for name in ROWS.keys() & found.keys():
+        known = [row for row in before.get(name, ()) if row["number"] > after[ROWS[name]]]
         same = common(known, after[name])
-        first = 1 + (after[name][same - 1]["number"] if same else after["before"])
+        first = 1 + (after[name][same - 1]["number"] if same else after[ROWS[name]])
         found[name] = {"first": first, "rows": after[name][same:]}
     return found
 

@@ -38,7 +38,7 @@ from caesura_clients.dashboard.wrench_source_words import wrench_words
 from caesura_clients.session_state_reader import Update
 from caesura_protocol import messages as wire
 from caesura_protocol.number_words import counted
-from caesura_protocol.session_time_display import NO_OFFSET, clock_of
+from caesura_protocol.session_time_display import NO_OFFSET, SessionClock, clock_of
 
 ONLY_READ = (
     "Newer sessions have taken the place of this one in the service: it can be read, exported and replayed, "
@@ -80,6 +80,7 @@ class SessionPage:
                 self._simulate,
                 self._cancel,
                 self._compare,
+                self._list,
                 editable=self._program_desk is not None,
                 speeds=() if site.simulator is None else SPEEDS,
             )
@@ -87,8 +88,9 @@ class SessionPage:
         self._is_known = False  # was it ever shown?
         self._stored = None if session is None else StoredSession(site.gateway, station, session)
         self._timeline_of: wire.Program | None = None
-        self._timeline_clock = NO_OFFSET
+        self._timeline_how: tuple[SessionClock, int | None] = (NO_OFFSET, None)
         self._timeline = Timeline()
+        self._last: int | None = None  # number of the last app that is listed; None: the newest
         self._shown: dict[str, Any] = {}
         self._parts = PartChoice()
         self._columns_from = -1.0  # [s] run lengths up to there were sent; negative: none
@@ -161,9 +163,13 @@ class SessionPage:
 
     def _show_program(self, program: wire.Program) -> None:
         """Show the program as a timeline, which is rebuilt only after a change: a long one takes time."""
-        if program is not self._timeline_of or self._clock != self._timeline_clock:
-            self._timeline_of, self._timeline_clock = program, self._clock
-            self._shown = self._timeline.of(program, self._clock)
+        known = self._timeline_of
+        if known is not None and program.session != known.session:
+            self._last = None
+        how = (self._clock, self._last)
+        if program is not known or how != self._timeline_how:
+            self._timeline_of, self._timeline_how = program, how
+            self._shown = self._timeline.of(program, *how)
         is_edited = self._program_desk is not None
         parts = self._parts.of(self._gateway.world, program.station, program.session) if is_edited else []
         elsewhere = self._simulator is not None and self._simulator.is_busy and self._simulation is None
@@ -239,6 +245,11 @@ class SessionPage:
             found = {"said": str(refused), "failed": True, "rows": []}
         if found is not None and not self._program.is_deleted:  # else the dashboard, or the page, is ending
             self._program.compared(found)
+
+    def _list(self, event: GenericEventArguments) -> None:
+        """List another part of the program."""
+        last = event.args
+        self._last = last if isinstance(last, int) and last > 0 else None
 
     async def _simulate(self, event: GenericEventArguments) -> None:
         """Run the shown program on the simulated robot, without blocking other pages."""

@@ -4,23 +4,26 @@ import { live } from "caesura-dashboard/live.js";
 import { dayAndTime } from "caesura-dashboard/numbers.js";
 import NewApp from "caesura-dashboard/new_app.js";
 import AppCard from "caesura-dashboard/program_card.js";
+import ProgramParts from "caesura-dashboard/program_parts.js";
 import ProgramPath from "caesura-dashboard/program_path.js";
 import ProgramVersions from "caesura-dashboard/program_versions.js";
 import { unsaved } from "caesura-dashboard/unsaved.js";
 
 const AUTHOR = "caesura-author";
 const NEAR = 60; // pixels
+const LISTED = 100; // apps at a time, as `program_timeline.py` has it
+const PLACES = ["move", "insert", "duplicate"]; // edits by which an app beside another gets or changes its place
 const gripperKey = () => `caesura-gripper/${location.pathname.split("/")[2]}`; // of the station, which has one gripper
 
 export default {
   mixins: [live, unsaved],
-  components: { AppCard, Conflict, NewApp, ProgramPath, ProgramVersions },
+  components: { AppCard, Conflict, NewApp, ProgramParts, ProgramPath, ProgramVersions },
   props: { editable: Boolean, speeds: Array },
-  emits: ["edit", "simulate", "cancel", "compare"],
+  emits: ["edit", "simulate", "cancel", "compare", "part"],
   provide() {
     return { appsShown: () => this.program.apps, keyOf: this.key, typed: new Map(), lost: this.lost };
   },
-  data: () => ({ program: null, message: "", failed: false, busy: false, name: "", nameSeen: "", nameConflict: null, afterwards: null, gripper: localStorage.getItem(gripperKey()) || "", asked: null, draft: "", sent: {}, made: {}, inserts: false }),
+  data: () => ({ program: null, message: "", failed: false, busy: false, name: "", nameSeen: "", nameConflict: null, afterwards: null, sought: null, holds: false, gripper: localStorage.getItem(gripperKey()) || "", asked: null, draft: "", sent: {}, made: {}, inserts: false }),
   template: `
     <div class="program">
     <section class="program-column" aria-labelledby="program-title">
@@ -50,11 +53,11 @@ export default {
       </ul>
       <program-versions v-if="program && program.edits.length" :key="program.session" :edits="program.edits" ref="versions"
         @compare="$emit('compare', $event)"></program-versions>
-      <p v-if="program && program.before" class="empty">The newest {{ program.apps.length }} apps. {{ program.before }} come
-        before them: they are in each export, and caesura edit-program changes them.</p>
+      <program-parts v-if="program && (program.before || program.after)" :before="program.before" :count="program.apps.length" :after="program.after"
+        :found="program.found" @list="list" @seek="seek"></program-parts>
       <ol v-if="program && program.apps.length" ref="apps" class="apps" tabindex="0" aria-label="Apps in order">
         <app-card v-for="app in program.apps" :key="key(app)" :app="app" :start="program.start" :editable="editable" :sessions="program.sessions" :kinds="program.kinds"
-          :busy="busy" @edit="say"></app-card>
+          :busy="busy" @edit="(...asked) => sayAt(app.number, ...asked)"></app-card>
       </ol>
       <p v-else class="empty">Nothing taught yet.</p>
       <details v-if="program && editable" class="app-edit first-app" @toggle="inserts = $event.target.open"><summary>New first app</summary>
@@ -63,10 +66,13 @@ export default {
         <ol><li v-for="[number, words, author, state, reason] in program.edits" :key="number" :value="number" :class="{ failed: reason }">
           {{ words }} – {{ author }}, {{ state }}{{ reason ? ": " + reason : "" }}</li></ol></details>
     </section>
-    <program-path v-if="program && program.path.length" :rows="program.path" :start="program.start" :speeds="speeds" :elsewhere="program.elsewhere" ref="path"
+    <program-path v-if="program && program.path.length" :rows="program.path" :start="program.start" :part="program.pathBefore + program.pathAfter > 0" :speeds="speeds" :elsewhere="program.elsewhere" ref="path"
       @simulate="(speed) => $emit('simulate', speed)" @cancel="$emit('cancel')"></program-path>
     </div>`,
   computed: {
+    listed() { // the numbers of the first and the last app that have cards
+      return [this.program.before + 1, this.program.before + this.program.apps.length];
+    },
     edited() {
       if (!this.program.author) return "";
       const at = this.program.edited ? `, ${dayAndTime(this.program.edited)}` : "";
@@ -86,15 +92,16 @@ export default {
     apply(payload) { // what changed: values by their names, rows from a number on
       if (payload.gone) return Object.assign(this, { program: null, message: "" }); // its session is held no longer
       const held = this.program || {}, now = { ...held, ...payload };
-      for (const name of ["apps", "path"]) {
-        if (payload[name]) now[name] = this.rows(held[name] || [], payload[name], now.before);
+      for (const [name, before] of Object.entries({ apps: now.before, path: now.pathBefore })) {
+        if (payload[name]) now[name] = this.rows(held[name] || [], payload[name], before);
       }
       const isOther = now.session !== held.session, typed = this.name.trim();
       if (isOther || typed === this.nameSeen || typed === now.name) this.fillName(now.name); // else what was typed stays
-      if (isOther) this.message = "";
-      const follows = !now.complete && this.isAtEnd();
+      if (isOther) Object.assign(this, { message: "", sought: null });
+      const follows = !now.complete && !now.after && !held.after && this.isAtEnd();
       this.program = Object.freeze(now); // Vue compares cards and rows by their identity, and looks into none
-      if (follows) this.$nextTick(this.goToEnd);
+      if (this.sought !== null) this.$nextTick(this.find);
+      else if (follows) this.$nextTick(this.goToEnd);
     },
     rows(held, { first, rows }, before) {
       return Object.freeze([...held.filter(({ number }) => number > before && number < first), ...rows.map(Object.freeze)]);
@@ -110,6 +117,24 @@ export default {
     goToEnd() {
       const list = this.$refs.apps;
       if (list) list.scrollTo(list.scrollWidth, list.scrollHeight);
+    },
+    list(last) { // the part that ends with this app; null: the newest apps
+      this.seek(last === null ? Infinity : Math.max(1, last - LISTED + 1), last, false);
+    },
+    // Bring an app into sight, in the middle of its part, and its tools under the keys.
+    seek(number, last = number + LISTED / 2, holds = true) {
+      const [from, to] = this.listed, total = to + this.program.after;
+      this.sought = Math.min(number, total);
+      this.holds = holds;
+      if (this.sought >= from && this.sought <= to) this.find();
+      else this.$emit("part", last === null || last >= total ? null : last);
+    },
+    find() { // once its part is there
+      const [from, to] = this.listed, card = this.sought >= from && this.sought <= to && this.$refs.apps.children[this.sought - from];
+      if (!card) return;
+      this.sought = null;
+      card.scrollIntoView({ block: "nearest", inline: "nearest" });
+      if (this.holds) (card.querySelector("summary") || this.$refs.apps).focus();
     },
     exported(href) {
       return this.program.grippers.some(([name]) => name === this.gripper) ? `${href}?gripper=${encodeURIComponent(this.gripper)}` : href;
@@ -147,6 +172,13 @@ export default {
       const revision = made.session === session ? Math.max(editRevision, made.revision) : editRevision;
       this.sent = { session, revision: revision + 1 };
       this.$emit("edit", { session, revision, author, action, ...(seen && { seen }) });
+    },
+    sayAt(number, action, ...asked) { // at the edge of a part, the next apps are listed first: what is moved stays in sight
+      const { before, after } = this.program, [from, to] = this.listed, total = to + after;
+      const isAtEdge = (before && number - from < 2) || (after && to - number < 2);
+      const last = number + LISTED / 2;
+      if (isAtEdge && PLACES.includes(action.do)) this.$emit("part", last < total ? last : null);
+      this.say(action, ...asked);
     },
     askName(action) { // of who edits, at the first edit; then it is made
       Object.assign(this, { asked: action, draft: "" });

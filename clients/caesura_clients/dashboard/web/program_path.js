@@ -14,14 +14,14 @@ const between = (low, high, value) => Math.min(Math.max(value, low), high);
 
 export default {
   mixins: [clock, measuredPath],
-  props: { rows: Array, start: Number, speeds: Array, elsewhere: Boolean }, // elsewhere: another page simulates
+  props: { rows: Array, part: Boolean, start: Number, speeds: Array, elsewhere: Boolean }, // elsewhere: another page simulates
   emits: ["simulate", "cancel"],
   data: () => ({
     angles: VIEWS["3D"], zoom: 1, t: null, playing: false, views: Object.keys(VIEWS),
     run: null, follows: false, speed: "taught", said: "", stopped: false, busy: false,
   }),
   template: `
-    <details class="program-path" open><summary>Path in 3D</summary>
+    <details class="program-path" open><summary>Path in 3D<template v-if="part">, apps {{ rows[0].number }} to {{ rows.at(-1).number }}</template></summary>
       <div class="path-tools">
         <span class="moves" role="group" aria-label="View of the path">
           <button v-for="name in views" :key="name" :aria-pressed="String(isView(name))" @click="look(name)">{{ name }}</button>

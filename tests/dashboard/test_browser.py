@@ -15,7 +15,18 @@ pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard
 from playwright.sync_api import Browser, Page, expect
 
 from caesura_protocol.formats.read import load_recording
-from dashboard.browser import DESK, LOOK_MS, PATIENCE_MS, TABLET, THEMES, Visitor, needs_chromium, settled
+from dashboard.browser import (
+    DESK,
+    LOOK_MS,
+    PATIENCE_MS,
+    PHONE,
+    TABLET,
+    THEMES,
+    UPRIGHT,
+    Visitor,
+    needs_chromium,
+    settled,
+)
 from dashboard.stage import KINDS, Dashboard, Stage, patient, staged
 from harness.demonstrations import guided
 from harness.processes import eventually, running
@@ -33,7 +44,6 @@ PAGES = {
     "unknown": ("/station/cell-99", "it has no session. Stations: cell-1"),
 }
 PICK_AND_PLACE = Path(__file__).parents[2] / "data" / "pick_and_place.npz"
-PHONE = {"width": 390, "height": 844}
 TYPE = {"15px", "21px"}  # of text, and of titles
 MEGABYTE = 1_000_000
 # What a pointer can press or type into, and is shown; each gets a number.
@@ -242,7 +252,10 @@ def test_a_name_is_the_title_of_a_session_and_its_id_stands_beside_it(stage: Sta
 PLOTS_TOP = "() => document.querySelector('.plots').getBoundingClientRect().top + scrollY"
 
 
-@pytest.mark.parametrize("size", [DESK, TABLET], ids=["desk", "tablet"])
+REFUSED = "Not done: the changepoint at 3.42 s was set by Bob, and correction 14 refers to it. " * 3
+
+
+@pytest.mark.parametrize("size", [DESK, UPRIGHT, PHONE], ids=["desk", "tablet", "phone"])
 def test_no_message_moves_the_plots(stage: Stage, visitor: Visitor, size):
     visitor.page.set_viewport_size(size)
     page = goto(stage, visitor, "/sessions/cell-3/done-2")
@@ -256,7 +269,15 @@ def test_no_message_moves_the_plots(stage: Stage, visitor: Visitor, size):
     assert page.evaluate(PLOTS_TOP) == top
     plots.press("Control+y")
     expect(message).to_have_text("There is nothing to redo.")
+    assert page.evaluate(PLOTS_TOP) == top
+    page.evaluate("(words) => document.querySelector('.plots').plots.state.answered(words, true)", REFUSED)
+    close = page.get_by_role("button", name="Close the message")
+    expect(close, "several lines lie upon the plots").to_be_visible()
     visitor.picture(f"message-{size['width']}")
+    assert visitor.barriers("color-contrast", "target-size", within=".at-time") == []
+    assert page.evaluate(PLOTS_TOP) == top
+    close.press("Enter")
+    expect(page.get_by_role("button", name="Show the whole message")).to_be_focused()
     assert page.evaluate(PLOTS_TOP) == top
     page.locator(".description summary").click()
     top = page.evaluate(PLOTS_TOP)

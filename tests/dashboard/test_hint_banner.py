@@ -24,6 +24,7 @@ from harness.processes import running
 expect.set_options(timeout=PATIENCE_MS)
 TWO_METRES_PX = 44  # capitals of 31 px, 8 mm at 96 dpi: 1/250 of the distance
 SIZES = {"desktop": {"width": 1440, "height": 900}, "phone": {"width": 390, "height": 844}}
+PLOTS_TOP = "() => document.querySelector('.plots').getBoundingClientRect().top + scrollY"
 HAND = "A hand drives the sensor: 8 N along the movement (limit 5.4 N)."
 
 
@@ -95,11 +96,16 @@ def test_a_hint_is_read_from_two_metres_and_goes_when_it_is_cleared(opened: Visi
         page.goto(f"{dashboard.url}/station/cell-1")
         expect(page.locator(".state-line")).to_contain_text("s1")
         expect(banner).to_have_count(0)
+        expect(page.locator(".desk-state")).to_have_text("Stale")
+        expect(page.locator(".plots")).to_be_visible()
+        top = page.evaluate(PLOTS_TOP)
         service.snapshots = [service.snapshots[0].model_copy(update={"hints": message(1, hand, limit)})]
         service.put(message(1, hand, limit), "hints")
         expect(banner).to_have_count(2)
         expect(banner.first).to_contain_text("Hold the robot behind the sensor.")
         expect(banner.first).to_contain_text(HAND)
+        expect(banner.first, "it comes into sight").to_be_in_viewport(ratio=1)
+        assert page.evaluate(PLOTS_TOP) == top
         large = banner.first.locator(".hint-advice").evaluate(
             "(one) => parseFloat(getComputedStyle(one).fontSize)"
         )

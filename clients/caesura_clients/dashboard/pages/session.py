@@ -60,10 +60,8 @@ class SessionPage:
         is_live = session is None
         with page(title, "/" if is_live else "/sessions") as self._title, Element("div").classes("workspace"):
             with Element("div").classes("work"):
-                self._banner = Banner()
                 self._line = text("p", "").classes("state-line")
                 self._start_stop = StartStop(self._controls(), self._ask) if is_live else None
-                self._hints = HintBanner(banner_of(None)) if is_live else None  # moves no button to press
                 self._form = DescriptionForm(
                     self._description(), self._ask, editable=site.desk is not None, live=is_live
                 )
@@ -75,6 +73,9 @@ class SessionPage:
                     on_edit=self._edit,
                     on_preview=self._preview,
                 )
+                with Element("div").classes("dock"):  # at the lower edge of the window: it moves nothing
+                    self._banner = Banner()
+                    self._hints = HintBanner(banner_of(None)) if is_live else None
             self._program = ProgramTimeline(
                 self._edit_program,
                 self._simulate,

@@ -6,6 +6,7 @@ import { changes as counted } from "caesura-dashboard/clicks.js";
 import Conflict from "caesura-dashboard/conflict.js";
 import { live } from "caesura-dashboard/live.js";
 import { dayAndTime } from "caesura-dashboard/numbers.js";
+import Staying from "caesura-dashboard/staying.js";
 import { unsaved } from "caesura-dashboard/unsaved.js";
 
 const AUTHOR = "caesura-author";
@@ -21,7 +22,7 @@ const unfilled = () => ({ task: "", operator: "", note: "", tags: "" });
 
 export default {
   mixins: [live, unsaved],
-  components: { Conflict },
+  components: { Conflict, Staying },
   props: { editable: Boolean, live: Boolean },
   emits: ["ask"],
   data: () => ({
@@ -43,8 +44,8 @@ export default {
           <button class="no" :aria-pressed="String(known.success === false)" @click="judge(false)">No</button></span>
         <button class="delete" @click="save({ deleted: !known.deleted })">{{ known.deleted ? "Restore" : "Delete" }}</button>
       </div>
-      <p class="saved" role="status" :class="{ failed }"><template v-if="!refused && (message || known.deleted)">{{ message || gone }}
-        <button v-if="last && !failed" class="take-back" @click="undo">Undo</button></template></p>
+      <staying class="saved" :class="{ failed }" :lines="editable ? 1 : 0"><template v-if="!refused && (message || known.deleted)">{{ message || gone }}
+        <button v-if="last && !failed" class="take-back" @click="undo">Undo</button></template></staying>
       <conflict v-if="editable && refused" :words="message" :is-met="refused.found !== null" :busy="asked.length > 0"
         @anyway="saveAnyway" @new-value="takeNew"></conflict>
     </details>`,

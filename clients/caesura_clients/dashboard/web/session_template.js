@@ -14,7 +14,7 @@ const correcting = `
       <button class="undo repeats" :class="{ absent: !canUndo }" :title="undoTitle" v-on="pointing(undoAction)" @click="undo">Undo</button>
       <button class="redo repeats" :class="{ absent: !canRedo }" title="Make it once more (Ctrl Y)" v-on="pointing(redoAction)" @click="redo">Redo</button>
     </template>
-    <p class="message" role="status" :class="{ failed: failed || trouble }">{{ trouble || (inList ? "" : message) }}<span v-if="doubt" class="doubt">{{ " " + doubt }}</span></p>
+    <staying class="message" :class="{ failed: failed || trouble }">{{ trouble || (inList ? "" : message) }}<span v-if="doubt" class="doubt">{{ " " + doubt }}</span></staying>
   </div>
   <p v-if="!editable && !linked" class="empty only-read">{{ why }}</p>`;
 

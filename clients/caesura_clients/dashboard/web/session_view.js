@@ -18,6 +18,7 @@ import { drawRunLengths } from "caesura-dashboard/run_lengths.js";
 import { Scale } from "caesura-dashboard/scale.js";
 import { template } from "caesura-dashboard/session_template.js";
 import { greatest, ofArm, ofGripper, PANELS, SHOWN_AT_FIRST } from "caesura-dashboard/signals.js";
+import Staying from "caesura-dashboard/staying.js";
 import { undoing } from "caesura-dashboard/undoing.js";
 import { view } from "caesura-dashboard/view.js";
 
@@ -51,7 +52,7 @@ const chosen = () => {
 
 export default {
   mixins: [clock, live, keyboard, view, pair, pointer, effect, undoing],
-  components: { CorrectMenu, Corrections, EffectWords },
+  components: { CorrectMenu, Corrections, EffectWords, Staying },
   props: { station: String, editable: Boolean, replay: Boolean, why: { type: String, default: "Corrections are off: this dashboard only reads." } },
   emits: ["edit", "preview", "run-lengths"],
   template,

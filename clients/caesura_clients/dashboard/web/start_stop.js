@@ -1,6 +1,7 @@
 // Start and Stop of a station: two large buttons, and the reason beside one that cannot be pressed.
 import { changes } from "caesura-dashboard/clicks.js";
 import { live } from "caesura-dashboard/live.js";
+import Staying from "caesura-dashboard/staying.js";
 
 const OPERATOR = "caesura-author";
 const WORDS = { ready: "Ready", starting: "Starting …", teaching: "Teaching", stopping: "Storing …", failed: "Not ready" };
@@ -8,6 +9,7 @@ const newId = () => `press-${Date.now().toString(36)}-${Math.random().toString(3
 
 export default {
   mixins: [live],
+  components: { Staying },
   emits: ["ask"],
   data: () => ({
     station: "", state: "", session: "", canStart: false, canStop: false, seen: "", said: "", why: "", outcome: "", tasks: [], t: 0,
@@ -16,7 +18,7 @@ export default {
   template: `
     <section class="desk" :class="'desk-' + shown" aria-label="Start and stop">
       <div class="desk-words"><p class="desk-state" role="status">{{ words }}</p>
-        <p id="desk-why" class="desk-why" role="status" :class="{ failed }">{{ message || why || outcome }}</p></div>
+        <staying id="desk-why" class="desk-why" :class="{ failed }" :lines="state ? 2 : 0">{{ message || why || outcome }}</staying></div>
       <form v-if="state" @submit.prevent="start">
         <label class="wide">Task <input class="task" v-model="task" @input="typed = true" maxlength="120" list="desk-tasks"
           placeholder="optional" autocomplete="off"></label>

@@ -15,7 +15,7 @@ import httpx
 from playwright.sync_api import Browser, Page, expect
 
 from caesura_protocol.messages import Changepoint
-from dashboard.browser import PATIENCE_MS, THEMES, Visitor, needs_chromium, settled
+from dashboard.browser import PATIENCE_MS, THEMES, SlowSocket, Visitor, needs_chromium, settled
 from dashboard.stage import Stage, staged
 from harness.journals import COLUMNS, ended, taught, written
 from harness.processes import DEADLINE_S, eventually
@@ -109,6 +109,20 @@ def test_a_session_that_is_opened_is_asked_for_once(stage: Stage, opened: Visito
     fresh.page.goto(opened.page.url)
     settled(fresh.page)
     assert fresh.page.evaluate(REQUESTS) == 1
+    fresh.close()
+
+
+def test_samples_and_segments_come_before_the_program(opened: Visitor, browser: Browser):
+    """The cards of a long program were made before the page was sent: a fifth of a second of it."""
+    fresh = Visitor(browser)
+    slow = SlowSocket(fresh.page)
+    slow.hold("runMethod")
+    fresh.page.goto(opened.page.url)
+    settled(fresh.page)
+    eventually(lambda: slow.has_received("changepoints"))
+    assert not slow.has_received("pathBefore"), "the browser has not drawn the segments yet"
+    slow.release()
+    expect(fresh.page.locator(".app").first).to_be_visible()
     fresh.close()
 
 

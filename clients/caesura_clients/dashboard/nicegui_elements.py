@@ -37,6 +37,7 @@ class LiveElement(Element, esm={PACKAGE: str(WEB)}):
             self._props["initial"] = initial
         self._last: dict[str, Any] | None = initial
         self._ready = False
+        self.was_seen = False  # the browser has acknowledged a payload since it is connected
         self._sent: dict[int, float] = {}  # by number of payload, when; those that were not seen yet
         self._number = 0
         self.on("ready", self._begin)
@@ -67,12 +68,13 @@ class LiveElement(Element, esm={PACKAGE: str(WEB)}):
 
     def _begin(self) -> None:
         """Mark the component as ready in the browser, for the first time or after a reconnection."""
-        self._ready, self._last = True, None
+        self._ready, self._last, self.was_seen = True, None, False
         self._sent.clear()
 
     def _saw(self, event: GenericEventArguments) -> None:
         began = self._sent.pop(int(event.args), None)
         if began is not None:
+            self.was_seen = True
             lags.append(time.monotonic() - began)
 
 

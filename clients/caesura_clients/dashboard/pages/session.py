@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from nicegui import run, ui
+from nicegui import background_tasks, run, ui
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
@@ -91,12 +91,14 @@ class SessionPage:
         self._timeline_of: wire.Program | None = None
         self._timeline_how: tuple[SessionClock, int | None] = (NO_OFFSET, None)
         self._timeline = Timeline()
+        self._is_building = False
         self._last: int | None = None  # number of the last app that is listed; None: the newest
         self._shown: dict[str, Any] = {}
         self._parts = PartChoice()
         self._columns_from = -1.0  # [s] run lengths up to there were sent; negative: none
         self._columns_of = ""  # which session
         self._tick()
+        self._view.on("ready", self._tick)  # the segments need not wait for the next tick
         ui.timer(TICK_S, self._tick)
         ui.context.client.on_delete(self._cancel)
 
@@ -163,18 +165,35 @@ class SessionPage:
             asked_by.answered(said or "", failed=False)
 
     def _show_program(self, program: wire.Program) -> None:
-        """Show the program as a timeline, which is rebuilt only after a change: a long one takes time."""
-        known = self._timeline_of
+        """Show the program as a timeline, which is built anew only after a change.
+
+        A long one takes a tenth of a second. It is built after the segments have arrived in the browser, in a
+        thread of its own, so that neither the page nor samples and segments come later.
+        """
+        if not (self._program.is_free and self._view.was_seen):
+            return
+        known, how = self._timeline_of, (self._clock, self._last)
         if known is not None and program.session != known.session:
+            how = (self._clock, None)
             self._last = None
-        how = (self._clock, self._last)
-        if program is not known or how != self._timeline_how:
-            self._timeline_of, self._timeline_how = program, how
-            self._shown = self._timeline.of(program, *how)
+        if (program is not known or how != self._timeline_how) and not self._is_building:
+            self._is_building = True
+            background_tasks.create(self._build(program, how))
+        if not self._shown:
+            return
         is_edited = self._program_desk is not None
-        parts = self._parts.of(self._gateway.world, program.station, program.session) if is_edited else []
+        parts = self._parts.of(self._gateway.world, self._station, self._shown["session"]) if is_edited else []
         elsewhere = self._simulator is not None and self._simulator.is_busy and self._simulation is None
         self._program.follow({**self._shown, "sessions": parts, "elsewhere": elsewhere})
+
+    async def _build(self, program: wire.Program, how: tuple[SessionClock, int | None]) -> None:
+        """Build the timeline of a program in a thread of its own."""
+        try:
+            shown = await run.io_bound(self._timeline.of, program, *how)
+        finally:
+            self._is_building = False
+        if shown is not None:  # else the dashboard is ending
+            self._timeline_of, self._timeline_how, self._shown = program, how, shown
 
     def _more(self, update: Update | None) -> dict[str, Any]:
         """Return the payload beside the drawing: state of corrections, and run lengths if they are shown.

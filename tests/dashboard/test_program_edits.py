@@ -169,6 +169,32 @@ def test_an_edit_that_was_overtaken_by_one_of_the_same_field_is_refused_with_bot
     assert [one.action.force_n for one in service.made] == [4.0]
 
 
+def test_a_name_that_something_else_has_too_is_stated_with_what_has_it(monkeypatch: pytest.MonkeyPatch):
+    first, second, *_ = press()
+    x, y, z = first.target or (0.0, 0.0, 0.0)
+    other = second.model_copy(
+        update={"name": "press", "target_name": "tray", "target": (x, y, z + 0.12), "t0": first.t0 + 9.0}
+    )
+    mine, another = (
+        program(first, other),
+        program(first).model_copy(update={"session": "s0", "name": "polish"}),
+    )
+    Overtaken(monkeypatch, mine)
+    desk = ProgramDesk(None)  # type: ignore[arg-type]
+
+    def said(**values: Any) -> str:
+        request = {**saved(first, {}, **values), "seen": None}
+        return desk.carry_out("cell-1", request, program=mine, others=[another])
+
+    assert "name 'press' is also that of app 2: choose another to distinguish them." in said(name="press")
+    assert "'tray' is also that of app 2, 120 mm away: choose" in said(target_name="tray")
+    assert "also" not in said(target_name="tray", target=[x, y, z + 0.12]), "it is the same place"
+    assert "also" not in said(name="polish")
+    name = {"session": "s1", "revision": 0, "author": "Ann", "action": {"do": "name", "name": "polish"}}
+    words = "The program name 'polish' is also that of the program of cell-1/s0: choose another"
+    assert words in desk.carry_out("cell-1", name, program=mine, others=[another])
+
+
 @pytest.mark.parametrize("count", [3, CHECKED + 1])
 def test_a_change_of_a_program_lays_its_times_out_once(count: int, monkeypatch: pytest.MonkeyPatch):
     laid_out: list[int] = []

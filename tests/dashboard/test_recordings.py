@@ -127,6 +127,23 @@ def test_a_bad_request_or_a_station_with_a_robot_is_refused(desk: RecordingDesk)
         desk.play(asked("u-1"), frozenset({"cell-9"}))
 
 
+def test_a_session_name_that_is_taken_is_refused_with_what_has_it_and_what_to_do(
+    desk: RecordingDesk, monkeypatch: pytest.MonkeyPatch
+):
+    """The recording was sent, and then refused with the number of a batch and the epoch of a bridge."""
+    sent(desk, "u-1", "a.csv", b"1")
+    held = "a demonstration 'peg in hole' of Ann, which has ended after 15.1 s"
+    words = rf"cell-9/s1 is taken by {held}: type another session name\."
+    with pytest.raises(EditRefused, match=words):
+        desk.play(asked("u-1"), frozenset(), lambda *_: held)
+    monkeypatch.setattr(desk, "_follow", lambda *_: None)
+    monkeypatch.setattr(desk, "_start", lambda *_: None)
+    desk.play(asked("u-1"), frozenset())
+    sent(desk, "u-2", "b.csv", b"1")
+    with pytest.raises(EditRefused, match=r"is taken by the recording a\.csv, which is being played: type"):
+        desk.play(asked("u-2"), frozenset())
+
+
 def test_a_csv_is_looked_at_by_its_columns_and_others_by_what_they_state(tmp_path: Path):
     (tmp_path / "odd.csv").write_text(CSV)
     found = looked(tmp_path / "odd.csv")

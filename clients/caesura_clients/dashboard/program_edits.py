@@ -5,7 +5,8 @@ Requests of a browser are not trusted: each is validated as an `EditProgram`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from typing import Any, NamedTuple
@@ -20,7 +21,16 @@ from caesura_clients.query import snapshot
 from caesura_clients.session_corrections import is_stale, send
 from caesura_protocol.app_kinds import APP_KINDS, AppKind
 from caesura_protocol.errors import CaesuraError, ProtocolError
-from caesura_protocol.messages import App, AppChange, EditProgram, Program, ProgramEdit
+from caesura_protocol.messages import (
+    App,
+    AppChange,
+    ChangeApp,
+    EditProgram,
+    NameProgram,
+    Program,
+    ProgramAction,
+    ProgramEdit,
+)
 from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.app_time_shifts import PLACED, edited_times
 from caesura_protocol.programs.checks import findings_beside_notes
@@ -32,6 +42,7 @@ from caesura_protocol.transport.transport_interface import Transport
 from caesura_protocol.validation_words import dotted, first_finding
 
 Request = Mapping[str, Any]
+ONE_PLACE_M = 1e-3  # so far apart two positions of one name may be
 CHECKED = 200  # apps that a program may have for its check at every change
 
 
@@ -47,11 +58,13 @@ class ProgramDesk:
         request: Request,
         clock: SessionClock = NO_OFFSET,
         program: Program | None = None,
+        others: Iterable[Program] = (),
     ) -> str:
         """Edit a program; return the outcome as text. Raises EditRefused, and EditConflict.
 
         request: with `seen`, the values with which the form was filled, the edit applies to the current
-        program. clock: of the session, for the text. program: the last one received.
+        program. clock: of the session, for the text. program: the last one received. others: programs of
+        other sessions, in which a name may occur too.
         """
         seen = request.get("seen")
         command = parse({name: value for name, value in request.items() if name != "seen"})
@@ -65,7 +78,7 @@ class ProgramDesk:
         except CaesuraError as error:
             raise EditRefused(clock.text(f"Not done: {error}")) from error
         words = in_words(command.action, clock)
-        return f"{words[0].upper()}{words[1:]}."
+        return f"{words[0].upper()}{words[1:]}.{shared_name(command.action, program, others)}"
 
     def _edit(
         self, station: str, command: EditProgram, seen: dict[str, Any], program: Program | None
@@ -83,6 +96,38 @@ class ProgramDesk:
                 now = None
             else:
                 return
+
+
+def shared_name(action: ProgramAction, program: Program | None, others: Iterable[Program]) -> str:
+    """Return a sentence on a given name that something else has too; empty without one.
+
+    A name is a label, so it is not refused. others: programs of other sessions.
+    """
+    if isinstance(action, NameProgram):
+        held = next((one for one in others if one.name == action.name), None)
+        whose = "" if held is None else f"the program of {held.station}/{held.session}"
+        return _shared("program name", action.name, whose)
+    if not isinstance(action, ChangeApp) or program is None:
+        return ""
+    mine = next((one for one in program.apps if reference(one) == action.app), None)
+    for number, app in enumerate(program.apps, 1):
+        if app is mine or mine is None:
+            continue
+        if action.name and app.name == action.name:
+            return _shared("name", action.name, f"app {number}")
+        place = action.target or mine.target
+        if action.target_name and app.target_name == action.target_name and app.target and place:
+            off_m = math.dist([value or 0.0 for value in place], app.target)
+            if off_m > ONE_PLACE_M:
+                whose = f"app {number}, {fixed(1000 * off_m, 0)} mm away"
+                return _shared("position name", action.target_name, whose)
+    return ""
+
+
+def _shared(what: str, name: str, whose: str) -> str:
+    return (
+        f" The {what} '{name}' is also that of {whose}: choose another to distinguish them." if whose else ""
+    )
 
 
 def parse(request: Request) -> EditProgram:

@@ -14,7 +14,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
@@ -42,6 +42,11 @@ MODULE = "caesura_clients.dashboard.recording_playback_process"
 SUFFIXES = (".npz", ".csv", ".mcap", ".db3")
 _UPLOAD = re.compile(r"[a-z0-9-]{1,64}")
 _PART = re.compile(r"(?!\.)[^/\\\x00-\x1f]{1,120}")
+
+
+def _unknown(_station: str, _session: str) -> str:
+    return ""
+
 
 Text = Annotated[str, StringConstraints(max_length=200)]
 
@@ -221,8 +226,14 @@ class RecordingDesk:
             raise EditRefused(self._in_words(answer["error"], upload))
         return {"name": file.name, **answer}
 
-    def play(self, request: Mapping[str, Any], taken: frozenset[str]) -> Playback:
-        """Begin to play a recording. taken: stations with a bridge. Raises EditRefused with a reason."""
+    def play(
+        self, request: Mapping[str, Any], taken: frozenset[str], known: Callable[[str, str], str] = _unknown
+    ) -> Playback:
+        """Begin to play a recording. Raises EditRefused with a reason.
+
+        taken: stations with a bridge. known: returns what has the name of a station's session already, as
+        text; empty if nothing has.
+        """
         try:
             wanted = PlayRequest.model_validate(request)
         except ValidationError as error:
@@ -233,6 +244,9 @@ class RecordingDesk:
                 "demonstrations and this recording do not mix."
             )
         file = self._recording_of(wanted.upload)
+        named = f"{wanted.station}/{wanted.session}"
+        if holder := self._playing(named) or known(wanted.station, wanted.session):
+            raise EditRefused(f"The session name {named} is taken by {holder}: type another session name.")
         self._reserve(wanted.upload, PLAYS)
         description = {"task": wanted.task or None, "operator": wanted.operator or None}
         job = {
@@ -261,6 +275,13 @@ class RecordingDesk:
         """Return the last played recordings, the newest first."""
         with self._lock:
             return list(reversed(self._plays.values()))
+
+    def _playing(self, named: str) -> str:
+        """Return which recording is being played under the name of a session, as text; empty if none is."""
+        with self._lock:
+            one = self._plays.get(named)
+        is_over = one is None or one.done or one.error
+        return "" if one is None or is_over else f"the recording {one.name}, which is being played"
 
     def _reserve(self, upload: str, most: int) -> None:
         """Reserve the child process of an upload. Raises EditRefused if it has one, or `most` exist."""

@@ -111,7 +111,7 @@ def run(address: Address) -> None:
         AccessMiddleware, names=address.known_as, password=address.password, proxies=address.proxies
     )
     app.on_startup(lambda: setattr(core.sio.eio, "ping_timeout", STALL_S))
-    app.on_startup(gc.freeze)  # what is loaded by now stays: looking through it again would hold up every page
+    app.on_startup(gc.freeze)  # looking through what is loaded by now would hold up every page
     app.on_startup(lambda: background_tasks.create(_announce(address), name="announce"))
     ui.run(
         host=address.host,

@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 from caesura_clients.session_state_reader import Update
 from caesura_clients.station_name_conflicts import REMEDY, in_words
-from caesura_protocol.messages import BridgeStatus, ServiceStatus
+from caesura_protocol.messages import BridgeStatus, Program, ServiceStatus
 from caesura_protocol.number_words import counted
 from caesura_protocol.session_time_display import SessionClock, clock_from, clock_of, is_of_day
 
@@ -59,6 +59,12 @@ class DashboardState:
     def sessions(self, station: str) -> list[str]:
         """Return the station's sessions, the newest first."""
         return sorted((name for where, name in self.updates if where == station), reverse=True)
+
+    def other_programs(self, program: Program | None) -> list[Program]:
+        """Return the programs of all other sessions that are known."""
+        known = [update.program for update in {**self.stored, **self.updates}.values()]
+        mine = None if program is None else (program.station, program.session)
+        return [one for one in known if (one.station, one.session) != mine]
 
     def update(self, station: str, session: str | None = None) -> Update | None:
         """Return the newest state of a session; None if it is unknown.

@@ -6,8 +6,10 @@ Before it is played the operator answers its open questions.
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 from dataclasses import asdict
 from datetime import datetime
+from functools import partial
 from typing import Any
 
 from fastapi import Request, Response
@@ -17,10 +19,13 @@ from nicegui.events import GenericEventArguments
 
 from caesura_clients.dashboard.correction_requests import EditRefused
 from caesura_clients.dashboard.demonstration_control import ONLY_READS
+from caesura_clients.dashboard.network_follower import NetworkFollower
 from caesura_clients.dashboard.nicegui_elements import RecordingDrop
 from caesura_clients.dashboard.pages.layout import Site, page, text
 from caesura_clients.dashboard.recordings import BYTES, MEGABYTE, SUFFIXES, RecordingDesk
+from caesura_clients.dashboard.station_summary import length_words
 from caesura_clients.dashboard.wrench_source_words import WRENCH_SOURCE_WORDS
+from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.formats.foreign_csv import TURNS, UNITS
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, FORCE_FRAMES, HANDS_ON_ROBOT
 from caesura_protocol.plausibility import UNITS as UNITS_OF_QUANTITY
@@ -86,7 +91,8 @@ class _Recordings:
                 await self._look(str(asked.get("upload")))
             elif asked.get("do") == "play":
                 request = {key: value for key, value in asked.items() if key != "do"}
-                await run.io_bound(self._desk.play, request, self._site.gateway.world.bridges)
+                gateway = self._site.gateway
+                await run.io_bound(self._desk.play, request, gateway.world.bridges, partial(_named, gateway))
                 self._drop.answered("", failed=False)
             elif asked.get("do") == "drop":
                 self._desk.drop(str(asked.get("upload")))
@@ -102,6 +108,21 @@ class _Recordings:
             raise
         named = f"s{datetime.now():%Y%m%d-%H%M%S}"
         self._drop.looked({**(found or {}), "session": named, "upload": upload})
+
+
+def _named(gateway: NetworkFollower, station: str, session: str) -> str:
+    """Return the session of this name as text; empty if the service and its journal have none."""
+    if gateway.world.update(station, session) is None:
+        with suppress(CaesuraError, ProtocolError):  # the service refuses a name that its journal has
+            gateway.read_stored(station, session)
+    found = gateway.world.update(station, session)
+    if found is None:
+        return ""
+    stated = found.status.description
+    name = f" '{stated.task}'" if stated.task else ""
+    by = f" of {stated.operator}" if stated.operator else ""
+    state = "has ended" if found.closed else "goes on"
+    return f"a demonstration{name}{by}, which {state} after {length_words(found)}"
 
 
 async def received(site: Site, upload: str, name: str, request: Request) -> Response:

@@ -182,7 +182,9 @@ class SessionPage:
         if not self._shown:
             return
         is_edited = self._program_desk is not None
-        parts = self._parts.of(self._gateway.world, self._station, self._shown["session"]) if is_edited else []
+        parts = (
+            self._parts.of(self._gateway.world, self._station, self._shown["session"]) if is_edited else []
+        )
         elsewhere = self._simulator is not None and self._simulator.is_busy and self._simulation is None
         self._program.follow({**self._shown, "sessions": parts, "elsewhere": elsewhere})
 
@@ -244,7 +246,8 @@ class SessionPage:
             return
         try:
             carry_out, clock = self._program_desk.carry_out, self._clock
-            said = await run.io_bound(carry_out, self._station, event.args, clock, self._timeline_of)
+            shown, others = self._timeline_of, self._gateway.world.other_programs(self._timeline_of)
+            said = await run.io_bound(carry_out, self._station, event.args, clock, shown, others)
         except EditConflict as conflict:
             self._program.answered(str(conflict), failed=True, found=conflict.found)
         except EditRefused as refused:

@@ -36,7 +36,7 @@ from caesura_lab.evaluation.suites import (
 from caesura_lab.evaluation.tables import as_markdown, as_text
 from caesura_lab.evaluation.worker_pool import each
 from caesura_lab.ground_truth import ToleranceOptions, TruthError
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.number_words import counted
 from caesura_protocol.package_version_and_extras import import_extra, install_command
 from caesura_protocol.programs.document_timing import RunSpeed
@@ -64,6 +64,7 @@ class ResultPage:
     text: Callable[[], RenderableType]
     markdown: Callable[[], str]
     plain: Callable[[], dict[str, Any]]
+    unmet: Sequence[str] = ()  # bars of the suite that are not met, as text
 
 
 @dataclass(frozen=True)
@@ -272,13 +273,17 @@ def _coaching_page(data: Path, seeds: range, workers: int) -> ResultPage:
 def _suite_page(
     suite: Any, run: Callable[[Any], object], cases: Sequence[Any], seeds: range, workers: int
 ) -> ResultPage:
-    """Return the page of a suite: a module with `summarise`, `title`, `as_text`, `as_markdown`, `as_json`."""
+    """Return the page of a suite: a module with `summarise`, `title`, `as_text`, `as_markdown`, `as_json`.
+
+    A suite with bars has `unmet` too.
+    """
     result = suite.summarise(_with_progress(each(run, cases, workers=workers), cases))
     title = suite.title(seeds)
     return ResultPage(
         text=lambda: suite.as_text(result, title),
         markdown=lambda: suite.as_markdown(result, title),
         plain=lambda: {"title": title, **suite.as_json(result)},
+        unmet=suite.unmet(result) if hasattr(suite, "unmet") else (),
     )
 
 
@@ -452,10 +457,13 @@ def _title(suite_name: str | None, cases: Sequence[Case], least_s: float) -> str
 
 
 def _write(page: ResultPage, output_format: Format, out: Path | None) -> None:
+    """Write a page. Raises CaesuraError afterwards if the suite has bars that are not met."""
     try:
         _print(page, output_format, out)
     except OSError as error:
         raise ProtocolError("malformed", f"cannot write {out}: {error.strerror}") from error
+    if page.unmet:
+        raise CaesuraError(f"not met: {'; '.join(page.unmet)}")
 
 
 def _print(page: ResultPage, output_format: Format, out: Path | None) -> None:

@@ -44,6 +44,7 @@ from caesura_service.robot import load_robot
 Array = NDArray[np.float64]
 
 LATEST_S = 0.5  # after the cause
+LEAST_RECALL, MOST_FALSE_A_MINUTE = 0.9, 1.0  # the bars, for simulated people
 PANDA = "panda"
 
 
@@ -253,6 +254,45 @@ def summarise(results: Iterable[CoachingResult | None]) -> CoachingSummary:
     return CoachingSummary(faults, {group: some for group, some in clean.items() if some})
 
 
+@dataclass(frozen=True)
+class Bar:
+    """A demand on the simulated demonstrations, and what was found; None where nothing was judged."""
+
+    name: str
+    wanted: str
+    found: float | None
+    is_met: bool
+
+    def words(self) -> str:
+        """Return the bar and what was found as text."""
+        found = "nothing was judged" if self.found is None else f"{self.found:.2f}"
+        return f"{self.name}: {found}, wanted {self.wanted}"
+
+
+def bars(summary: CoachingSummary) -> tuple[Bar, Bar]:
+    """Return the bars of recall and of false hints: both are exact, the tables are rounded."""
+    faults = [one.found for some in summary.faults.values() for one in some]
+    recall = sum(faults) / len(faults) if faults else None
+    simulated = summary.clean.get("simulated", ())
+    minutes = sum(one.seconds for one in simulated) / 60.0
+    false = sum(len(one.hints) - len(one.explained) for one in simulated)
+    rate = false / minutes if minutes else None
+    return (
+        Bar("recall", f"at least {LEAST_RECALL:g}", recall, recall is not None and recall >= LEAST_RECALL),
+        Bar(
+            "false hints a minute",
+            f"at most {MOST_FALSE_A_MINUTE:g}",
+            rate,
+            rate is not None and rate <= MOST_FALSE_A_MINUTE,
+        ),
+    )
+
+
+def unmet(summary: CoachingSummary) -> list[str]:
+    """Return the bars that are not met, as text."""
+    return [bar.words() for bar in bars(summary) if not bar.is_met]
+
+
 def _spread(faults: Sequence[FaultResult], judged: int) -> tuple[FaultResult, ...]:
     """Return at most the given number of results, evenly from all demonstrations, found or not."""
     wanted = min(judged, len(faults))
@@ -294,7 +334,20 @@ def _grids(summary: CoachingSummary) -> list[Grid]:
         for one in every
         if not one.found
     )
-    parts = [faults, clean]
+    demanded = Grid(
+        "bars, simulated people",
+        ("bar", "wanted", "found", "met"),
+        tuple(
+            (
+                bar.name,
+                bar.wanted,
+                "–" if bar.found is None else f"{bar.found:.2f}",
+                "yes" if bar.is_met else "no",
+            )
+            for bar in bars(summary)
+        ),
+    )
+    parts = [demanded, faults, clean]
     return (
         [*parts, Grid("not found in time", ("fault", "demonstration", "cause [s]", "hint"), missed)]
         if missed
@@ -352,4 +405,4 @@ def as_markdown(summary: CoachingSummary, heading: str) -> str:
 
 def as_json(summary: CoachingSummary) -> dict[str, Any]:
     """Return every result as plain values."""
-    return asdict(summary)
+    return {"bars": [asdict(bar) for bar in bars(summary)], **asdict(summary)}

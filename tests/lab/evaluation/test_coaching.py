@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import get_args
 
 import numpy as np
 import pytest
+import typer
+from typer.testing import CliRunner
 
+from caesura_lab.commands import register
 from caesura_lab.evaluation import coaching, coaching_faults
 from caesura_lab.evaluation.coaching import (
     CleanResult,
@@ -16,8 +20,10 @@ from caesura_lab.evaluation.coaching import (
     FaultResult,
     PublishedHint,
     as_markdown,
+    bars,
     summarise,
     title,
+    unmet,
 )
 from caesura_lab.evaluation.coaching_faults import (
     FAULTS,
@@ -196,3 +202,58 @@ def test_results_are_counted_by_fault_and_by_set():
     assert "| hand | hand_in_wrench | 1 of 3 | 0.33 | 0.30 | 0.30 |" in page
     assert "2.00" in page  # false hints a minute
     assert "0.70 s late" in page
+
+
+SUBSET = (
+    CoachingCase("button", 2, tuple(name for name in INJECTED if name not in {"weight", "unclear corner"})),
+    CoachingCase("pick_and_place", 2, ("weight",)),
+)
+
+
+def test_both_bars_are_met_by_a_subset_with_faults_of_eight_kinds():
+    summary = summarise(map(coaching.run_case, SUBSET))
+    assert sum(map(len, summary.faults.values())) == 8
+    recall, false = bars(summary)
+    assert recall.is_met, recall.words()
+    assert false.is_met, false.words()
+
+
+def evaluated(monkeypatch: pytest.MonkeyPatch, folder: Path, found: int, hints: int):
+    """The command, of ten faults and a minute without a fault."""
+    clean = CleanResult("simulated", "curves-1", 60.0, ("too_fast",) * hints, ())
+    faults = [FaultResult("hand", "curves", 1, 2.0, 0.1 if number < found else None) for number in range(5)]
+    more = [
+        FaultResult("drift", "curves", 1, 2.0, 0.1 if number + 5 < found else None) for number in range(5)
+    ]
+    monkeypatch.setattr(coaching, "run", lambda _: CoachingResult(clean, (*faults, *more)))
+    monkeypatch.setattr(coaching, "cases", lambda *_: [CoachingCase("curves", 1, ())])
+    app = typer.Typer()
+    register(app)
+    page = folder / "page.md"
+    command = ["evaluate", "--suite", "coaching", "--workers", "1", "--format", "markdown", "-o", str(page)]
+    return CliRunner().invoke(app, command), page.read_text()
+
+
+@pytest.mark.parametrize(
+    ("found", "hints", "said"),
+    [
+        (9, 1, ""),
+        (8, 1, "error: not met: recall: 0.80, wanted at least 0.9"),
+        (9, 2, "error: not met: false hints a minute: 2.00, wanted at most 1"),
+    ],
+)
+def test_the_command_states_its_bars_and_ends_with_an_error_where_one_is_not_met(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, found: int, hints: int, said: str
+):
+    result, page = evaluated(monkeypatch, tmp_path, found, hints)
+    assert result.exit_code == bool(said)
+    assert said in result.stderr
+    assert f"| recall | at least 0.9 | {found / 10:.2f} | {'yes' if found >= 9 else 'no'} |" in page
+    assert f"| false hints a minute | at most 1 | {hints:.2f} | {'yes' if hints <= 1 else 'no'} |" in page
+
+
+def test_nothing_that_was_judged_meets_no_bar():
+    assert unmet(summarise([])) == [
+        "recall: nothing was judged, wanted at least 0.9",
+        "false hints a minute: nothing was judged, wanted at most 1",
+    ]

@@ -74,6 +74,9 @@ def test_every_field_of_a_movement_is_set_and_as_taught_takes_all_of_them_away(d
     page, taught = desk.page, desk.app("cartesian_motion")
     card = desk.open_form("cartesian_motion")
     expect(card.locator(".app-name"), "the form comes into sight").to_be_in_viewport(ratio=1)
+    page.locator(".apps").evaluate("(apps) => apps.scrollBy(0, 200)")
+    expect(card.locator("h3"), "whose form it is stays in sight").to_be_in_viewport(ratio=1)
+    page.locator(".apps").evaluate("(apps) => apps.scrollBy(0, -200)")
     x, y, z = taught.target or (0.0, 0.0, 0.0)
     assert card.locator(".as-taught").is_disabled(), "nothing is set yet"
     assert card.locator(".save").is_disabled(), "nothing is typed yet"
@@ -208,6 +211,9 @@ def test_a_hold_is_inserted_with_its_name_and_target(desk: Desk):
     form.locator(".insert-app").press("Enter")
     desk.is_said(f"'hold' inserted after 'move to contact' at {desk.app('move_to_contact').t0:.1f} s.")
     made = desk.app("hold")
+    edit = desk.page.get_by_label(f"Edit app {desk.number('hold') + 1}", exact=True)
+    expect(edit, "the new app comes into sight").to_be_focused()
+    expect(form.locator("select"), "another press inserts nothing").to_have_value("")
     assert (made.name, made.tn - made.t0) == ("wait for the glue", pytest.approx(5.0))
     assert made.target == (x, y, pytest.approx(z + 0.02, abs=1e-4))
     taught = desk.app("move_to_contact")

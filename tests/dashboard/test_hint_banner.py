@@ -24,6 +24,10 @@ from harness.processes import running
 expect.set_options(timeout=PATIENCE_MS)
 TWO_METRES_PX = 44  # capitals of 31 px, 8 mm at 96 dpi: 1/250 of the distance
 SIZES = {"desktop": {"width": 1440, "height": 900}, "phone": {"width": 390, "height": 844}}
+ON_TOP = """(one) => {
+  const { x, y, width } = one.getBoundingClientRect();
+  return one.contains(document.elementFromPoint(x + width / 2, y + 16));
+}"""
 PLOTS_TOP = "() => document.querySelector('.plots').getBoundingClientRect().top + scrollY"
 HAND = "A hand drives the sensor: 8 N along the movement (limit 5.4 N)."
 
@@ -117,6 +121,7 @@ def test_a_hint_is_read_from_two_metres_and_goes_when_it_is_cleared(opened: Visi
                 page.set_viewport_size(size)
                 visitor.picture(f"hints-{name}")
                 assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0
+                assert banner.first.evaluate(ON_TOP), "no message of the page lies upon it"
             assert visitor.barriers(*rules) == []
         over = hand.model_copy(update={"until": 4.0})
         service.snapshots = [service.snapshots[0].model_copy(update={"hints": message(2, over)})]

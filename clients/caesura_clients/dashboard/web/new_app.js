@@ -55,7 +55,8 @@ export default {
         seconds: fresh.seconds,
       };
       const values = Object.fromEntries(Object.entries(given).filter(([one, value]) => this.states(one) && value !== false));
-      this.$emit("edit", { do: "insert", after: previous ? previous.reference : null, kind: this.kind, ...(name && { name }), ...values });
+      const action = { do: "insert", after: previous ? previous.reference : null, kind: this.kind, ...(name && { name }), ...values };
+      this.$emit("edit", action, null, (words, failed) => failed || (this.kind = "")); // else another press would insert it once more
     },
   },
   watch: {

@@ -7,6 +7,7 @@ import AppCard from "caesura-dashboard/program_card.js";
 import ProgramParts from "caesura-dashboard/program_parts.js";
 import ProgramPath from "caesura-dashboard/program_path.js";
 import ProgramVersions from "caesura-dashboard/program_versions.js";
+import Staying from "caesura-dashboard/staying.js";
 import { unsaved } from "caesura-dashboard/unsaved.js";
 
 const AUTHOR = "caesura-author";
@@ -17,13 +18,13 @@ const gripperKey = () => `caesura-gripper/${location.pathname.split("/")[2]}`; /
 
 export default {
   mixins: [live, unsaved],
-  components: { AppCard, Conflict, NewApp, ProgramParts, ProgramPath, ProgramVersions },
+  components: { AppCard, Conflict, NewApp, ProgramParts, ProgramPath, ProgramVersions, Staying },
   props: { editable: Boolean, speeds: Array },
   emits: ["edit", "simulate", "cancel", "compare", "part"],
   provide() {
     return { appsShown: () => this.program.apps, keyOf: this.key, typed: new Map(), lost: this.lost };
   },
-  data: () => ({ program: null, message: "", failed: false, busy: false, name: "", nameSeen: "", nameConflict: null, afterwards: null, sought: null, holds: false, gripper: localStorage.getItem(gripperKey()) || "", asked: null, draft: "", sent: {}, made: {}, inserts: false }),
+  data: () => ({ program: null, message: "", failed: false, busy: false, name: "", nameSeen: "", nameConflict: null, afterwards: null, sought: null, soughtIn: 0, holds: false, gripper: localStorage.getItem(gripperKey()) || "", asked: null, draft: "", sent: {}, made: {}, inserts: false }),
   template: `
     <div class="program">
     <section class="program-column" aria-labelledby="program-title">
@@ -44,7 +45,7 @@ export default {
         <form v-if="asked" class="who-edits" aria-label="Who edits" @submit.prevent="sign" @keydown.esc.stop="asked = null">
           <label>Your name <input ref="author" class="author" v-model="draft" maxlength="64" autocomplete="name" required></label>
           <button class="save-name">Save</button> <button type="button" @click="asked = null">Cancel</button></form>
-        <span role="status" class="program-said" :class="{ failed }">{{ message }}</span>
+        <staying class="program-said" :class="{ failed }" :lines="editable ? 2 : 0">{{ message }}</staying>
       </div>
       <details v-if="program && program.notes.length" class="program-notes"><summary>Notes: {{ program.notes.length }}</summary>
         <ul class="notes" aria-label="Notes"><li v-for="note in program.notes" :key="note">{{ note }}</li></ul></details>
@@ -100,7 +101,7 @@ export default {
       if (isOther) Object.assign(this, { message: "", sought: null });
       const follows = !now.complete && !now.after && !held.after && this.isAtEnd();
       this.program = Object.freeze(now); // Vue compares cards and rows by their identity, and looks into none
-      if (this.sought !== null) this.$nextTick(this.find);
+      if (this.sought !== null && now.editRevision >= this.soughtIn) this.$nextTick(this.find);
       else if (follows) this.$nextTick(this.goToEnd);
     },
     rows(held, { first, rows }, before) {
@@ -124,8 +125,7 @@ export default {
     // Bring an app into sight, in the middle of its part, and its tools under the keys.
     seek(number, last = number + LISTED / 2, holds = true) {
       const [from, to] = this.listed, total = to + this.program.after;
-      this.sought = Math.min(number, total);
-      this.holds = holds;
+      Object.assign(this, { sought: Math.min(number, total), soughtIn: 0, holds });
       if (this.sought >= from && this.sought <= to) this.find();
       else this.$emit("part", last === null || last >= total ? null : last);
     },
@@ -135,6 +135,10 @@ export default {
       this.sought = null;
       card.scrollIntoView({ block: "nearest", inline: "nearest" });
       if (this.holds) (card.querySelector("summary") || this.$refs.apps).focus();
+    },
+    awaitApp(number, revision) { // a new one comes into sight once its program is there
+      Object.assign(this, { sought: number, soughtIn: revision, holds: true });
+      if (this.program.editRevision >= revision) this.$nextTick(this.find);
     },
     exported(href) {
       return this.program.grippers.some(([name]) => name === this.gripper) ? `${href}?gripper=${encodeURIComponent(this.gripper)}` : href;
@@ -179,6 +183,7 @@ export default {
       const last = number + LISTED / 2;
       if (isAtEdge && PLACES.includes(action.do)) this.$emit("part", last < total ? last : null);
       this.say(action, ...asked);
+      this.inserted = action.do === "insert" ? number + 1 : null;
     },
     askName(action) { // of who edits, at the first edit; then it is made
       Object.assign(this, { asked: action, draft: "" });
@@ -196,6 +201,8 @@ export default {
       Object.assign(this, { message: found ? "" : message, failed, busy: false, made: failed ? {} : this.sent });
       this.afterwards?.(message, failed, found);
       this.afterwards = null;
+      if (this.inserted && !failed) this.awaitApp(this.inserted, this.sent.revision);
+      this.inserted = null;
     },
   },
 };

@@ -41,6 +41,10 @@ def taught(stage: Stage, page: Page, station: str) -> None:
     expect(page.locator(".app").first).to_be_visible()
 
 
+def _answered_by_the_test(_dialog: object) -> None:
+    """Keep Playwright from answering."""
+
+
 def stays_after_it_was_asked(page: Page) -> None:
     """The page is loaded again, and the operator chooses to stay."""
     with page.expect_event("dialog") as asked:
@@ -58,7 +62,7 @@ def form_of(page: Page) -> Locator:
 
 def test_a_page_with_something_typed_in_it_is_not_left_unasked(stage: Stage, page: Page):
     taught(stage, page, "cell-1")
-    page.on("dialog", lambda dialog: None)  # answered by the test
+    page.on("dialog", _answered_by_the_test)
     note = form_of(page).locator(".name-note")
     note.click()
     page.keyboard.type("mind the cable")
@@ -75,6 +79,9 @@ def test_a_page_with_something_typed_in_it_is_not_left_unasked(stage: Stage, pag
     expect(card.locator(".save"), "nothing is left to be saved").to_be_disabled()
     page.reload()
     expect(page.locator(".description summary")).to_contain_text("mind the cable")
+    page.remove_listener(
+        "dialog", _answered_by_the_test
+    )  # the page is shared: later ones would wait for an answer
 
 
 def test_a_page_shows_no_program_of_a_session_that_is_gone(stage: Stage, page: Page, opened: Visitor):

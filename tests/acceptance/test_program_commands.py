@@ -199,7 +199,9 @@ def test_groups_are_named_by_their_number_or_name(tmp_path: Path) -> None:
     assert "2 groups have that name, use 1 or 2" in " ".join(ambiguous.output.split())
     assert caesura(*command, "--name-group", "2=polish").exit_code == 0
     assert [one["name"] for one in json.loads(out.read_text("utf-8"))["groups"]] == ["wipe", "polish"]
-    assert "needs --format json" in caesura("program", "--file", file, "--name-group", "1=a").output
+    table = caesura("program", "--file", file, "--name-group", "2=[b]pump").output  # no table had groups
+    lines = [line.split()[:3] for line in table.splitlines()]
+    assert lines.index(["[b]pump", "app", "2"]) == lines.index(["2", "apply", "force"]) - 1
 
 
 def test_a_program_at_half_its_speed_is_written_checked_and_refused_out_of_range(tmp_path: Path) -> None:

@@ -506,10 +506,9 @@ def test_an_app_that_is_less_sure_than_its_segments_is_explained():
 
 
 def test_what_people_write_in_a_program_is_no_markup(caesura, service):
-    service.snapshots = [snapshot(0)]
     named = example(Program)
     app = named.apps[0].model_copy(update={"name": "[/red]", "note": "[bold"})
     named = named.model_copy(update={"name": "[/]", "apps": (app,)})
-    service.answers[station_key("cell-1", "program")] = encode(named)
+    service.snapshots = [snapshot(0).model_copy(update={"program": named})]
     shown = caesura("program").stdout
     assert all(words in shown for words in ("[/]:", "[/red] (transport)", "[bold"))

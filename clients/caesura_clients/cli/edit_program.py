@@ -128,7 +128,8 @@ def edit_program(
             program, clock = snapshot.program, clock_of(snapshot.segments.segments)
             if found is None:
                 edits = edits_table(program, clock) if program.edits else "no edits"
-                Console().print(*clock_lines(clock), program_view(program, clock), edits, sep="\n")
+                shown = program_view(program, clock, snapshot.segments.phases)
+                Console().print(*clock_lines(clock), shown, edits, sep="\n")
                 return
             wanted = parse(found, program, clock)
             seen = program.edit_revision if revision is None else revision

@@ -27,10 +27,8 @@ from caesura_clients.cli.options import (
 )
 from caesura_clients.cli.program_speed import TAUGHT, KeepPause, Speed, at_speed
 from caesura_clients.cli.result_tables import apps_table, clock_lines, doubtful_apps, program_view
-from caesura_clients.client import Caesura
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.formats.write import whole_file
-from caesura_protocol.messages import Phase, Program
 from caesura_protocol.programs.apps_by_phase import renamed
 from caesura_protocol.programs.checks import document_findings, findings_beside_notes
 from caesura_protocol.programs.comparison import differences
@@ -44,7 +42,7 @@ from caesura_protocol.programs.document import (
 )
 from caesura_protocol.programs.export_formats import WRITERS
 from caesura_protocol.programs.program_gripper import with_gripper
-from caesura_protocol.session_time_display import SessionClock, clock_from, clock_of, is_of_day
+from caesura_protocol.session_time_display import SessionClock, clock_from, clock_of
 
 TABLE_WIDTH = 100  # [characters] of a table in a file
 
@@ -82,8 +80,8 @@ def program(
         list[str] | None,
         typer.Option(
             metavar="GROUP=NAME",
-            help="Name a group of apps, by its number from 1 or its own name, in --format json; may be "
-            "repeated. A session keeps a name by `caesura edit … name_phase`.",
+            help="Name a group of apps, by its number from 1 or its own name; may be repeated. A session "
+            "keeps a name by `caesura edit … name_phase`.",
         ),
     ] = None,
     inferred: Annotated[
@@ -124,36 +122,28 @@ def program(
             if against is not None:
                 _compare(made, against, endpoint, config)
                 return
-            write_program(_named(made, name_group, output_format), output_format, out)
+            write_program(_named(made, name_group), output_format, out)
             return
-        phases: tuple[Phase, ...] = ()
         with connected(endpoint, config) as caesura:
             name = only_station(caesura, station, session)
-            if session is not None or inferred or output_format is ProgramFormat.JSON:
-                snapshot = query.snapshot(caesura.transport, name, session, inferred=inferred)
-                found, phases = snapshot.program, snapshot.segments.phases
-            else:
-                found = caesura.program(name)
-            clock = _clock_of(caesura, found) if output_format is ProgramFormat.TABLE else SessionClock()
+            if as_json and against is None and session is None and not inferred:
+                typer.echo(caesura.program(name).model_dump_json(indent=2))
+                return
+            snapshot = query.snapshot(caesura.transport, name, session, inferred=inferred)
+            found, phases = snapshot.program, snapshot.segments.phases
+            clock = clock_of(snapshot.segments.segments)
         if against is not None:
             _compare(made_of(document(found)), against, endpoint, config)
         elif as_json:
             typer.echo(found.model_dump_json(indent=2))
         elif output_format is ProgramFormat.TABLE and not (
-            speed != TAUGHT or out or cell or force_limit or robot
+            speed != TAUGHT or out or cell or force_limit or robot or name_group
         ):
-            Console().print(*clock_lines(clock), program_view(found, clock), sep="\n")
+            Console().print(*clock_lines(clock), program_view(found, clock, phases), sep="\n")
         else:
             made = made_of(document(found, phases=phases))
             made = with_gripper(made, gripper)
-            write_program(_named(made, name_group, output_format), output_format, out, clock)
-
-
-def _clock_of(caesura: Caesura, program: Program) -> SessionClock:
-    """Return the clock of a program's session; it is queried only if times are times of day."""
-    if not (program.apps and is_of_day(program.apps[0].t0)):
-        return SessionClock()
-    return clock_of(caesura.snapshot(program.station, program.session).segments.segments)
+            write_program(_named(made, name_group), output_format, out, clock)
 
 
 def _compare(made: ProgramFile, against: str, endpoint: str | None, config: Path | None) -> None:
@@ -182,13 +172,9 @@ def _in_cell(program: ProgramFile, cell: Path | None, force_limit: float | None)
     return in_cell(program, safety_of(program, cell, force_limit))
 
 
-def _named(program: ProgramFile, names: Sequence[str] | None, output_format: ProgramFormat) -> ProgramFile:
-    """Return the program with names for its groups. Raises CaesuraError if the format cannot store names."""
-    if not names:
-        return program
-    if output_format is not ProgramFormat.JSON:
-        raise CaesuraError(f"--name-group needs --format json: {output_format.value} has no groups")
-    return program.model_copy(update={"groups": renamed(program.groups, names)})
+def _named(program: ProgramFile, names: Sequence[str] | None) -> ProgramFile:
+    """Return the program with names for its groups. Raises CaesuraError for an unknown group."""
+    return program.model_copy(update={"groups": renamed(program.groups, names)}) if names else program
 
 
 def write_program(
@@ -229,7 +215,7 @@ def _write_table(program: ProgramFile, out: Path | None, clock: SessionClock) ->
     title = f"{program.station} / {program.session}, revision {program.revision}, {state}"
     findings = map(clock.text, map(str, findings_beside_notes(program)))
     notes = map(Text, (*map(clock.text, program.notes), *doubtful_apps(program.apps), *findings))
-    parts = [*clock_lines(clock), apps_table(program.apps, title, clock), *notes]
+    parts = [*clock_lines(clock), apps_table(program.apps, title, clock, program.groups), *notes]
     if out is None:
         Console().print(*parts, sep="\n")
     else:

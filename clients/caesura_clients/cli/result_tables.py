@@ -29,6 +29,8 @@ from caesura_protocol.messages import (
 )
 from caesura_protocol.number_words import counted, fixed, reads_above
 from caesura_protocol.programs.app_time_shifts import speed_in_words
+from caesura_protocol.programs.apps_by_phase import Group as AppGroup
+from caesura_protocol.programs.apps_by_phase import groups_by_first
 from caesura_protocol.programs.checks import findings_beside_notes
 from caesura_protocol.programs.document import document
 from caesura_protocol.recording import Recording, did_you_mean
@@ -198,15 +200,21 @@ def ignored_line(recording: Recording) -> str:
     return f"{grade}: {recording.name}: ignored {', '.join(names)}"
 
 
-def program_view(program: Program, clock: SessionClock = NO_OFFSET) -> RenderableType:
-    """Return the apps of a task program as a table, with its notes and the findings of a check."""
+def program_view(
+    program: Program, clock: SessionClock = NO_OFFSET, phases: Sequence[Phase] = ()
+) -> RenderableType:
+    """Return the apps of a task program as a table, with its notes and the findings of a check.
+
+    phases: of its session; the apps of each have a heading.
+    """
+    made = document(program, phases=phases)
     state = "complete" if program.complete else "being taught"
     name = f"{escape(program.name)}: " if program.name else ""
     title = f"{name}{program.station} / {program.session}, version {program.version}, {state}"
-    notes = (*map(clock.text, program.notes), *doubtful_apps(program.apps))
-    findings = map(clock.text, map(str, findings_beside_notes(document(program))))
+    notes = (*map(clock.text, made.notes), *doubtful_apps(program.apps))
+    findings = map(clock.text, map(str, findings_beside_notes(made)))
     dim = (Text(note, style="dim") for note in notes)
-    return Group(apps_table(program.apps, title, clock), *dim, *map(Text, findings))
+    return Group(apps_table(program.apps, title, clock, made.groups), *dim, *map(Text, findings))
 
 
 def doubtful_apps(apps: Sequence[App]) -> tuple[str, ...]:
@@ -220,12 +228,18 @@ def doubtful_apps(apps: Sequence[App]) -> tuple[str, ...]:
     return (f"p of an app is that of its kind times that of its less certain boundary; low: {which}.",)
 
 
-def apps_table(apps: Sequence[App], title: str, clock: SessionClock = NO_OFFSET) -> Table:
-    """Return a table of apps, one per row."""
+def apps_table(
+    apps: Sequence[App], title: str, clock: SessionClock = NO_OFFSET, groups: Sequence[AppGroup] = ()
+) -> Table:
+    """Return a table of apps, one per row, with a heading above those of each group."""
+    headings = groups_by_first(groups, len(apps))
     table = Table(
         "#", "app", "target \\[mm]", "path, via", "force, load", "time \\[s]", "p", title=title, **PLAIN
     )
     for index, app in enumerate(apps):
+        if (group := headings.get(index)) is not None:
+            name = Text(group.name)  # what an operator typed is no markup
+            table.add_row("", name, group.apps_in_words, group.strokes_in_words, style="bold")
         table.add_row(
             app_number(index),
             _title_of(app),

@@ -65,7 +65,7 @@ def show(
     views = [*clock_lines(clock), segments_view(found.status, found.segments.segments, clock)]
     if len(found.segments.phases) > 1:
         views.append(phases_table(found.segments.phases, "phases", clock))
-    views.append(program_view(found.program, clock))
+    views.append(program_view(found.program, clock, found.segments.phases))
     if line := description_line(found.status.description):
         views.insert(0, Text(line))
     Console().print(Group(*views, *([lost] if lost else [])))

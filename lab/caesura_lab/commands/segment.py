@@ -33,6 +33,7 @@ from caesura_lab.recording_warnings import recording_warnings, without_confirmed
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError
 from caesura_protocol.formats.read import load_recording, recordings_of
 from caesura_protocol.number_words import counted
+from caesura_protocol.programs.apps_by_phase import groups_of
 from caesura_protocol.recording import Recording
 from caesura_protocol.sample_limits import HOLE_S
 from caesura_protocol.session_time_display import SessionClock, clock_of
@@ -255,7 +256,7 @@ def _shown(recording: Recording, preset: str, view: PipelineView, warnings: Sequ
             measured=measures_force(view.wrench),
         ),
         *([phases_table(view.phases, "phases", clock)] if len(view.phases) > 1 else []),
-        apps_table(view.apps, "task program", clock),
+        apps_table(view.apps, "task program", clock, groups_of(view.apps, view.phases)),
         *map(Text, lines),
     )
 

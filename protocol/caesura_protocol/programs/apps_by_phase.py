@@ -5,14 +5,16 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import accumulate
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from caesura_protocol.app_kinds import app_name
+from caesura_protocol.app_kinds import app_name, app_number
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import App, Phase, PhaseName
 from caesura_protocol.number_words import interval
+from caesura_protocol.programs.app_time_shifts import is_taught_again
 
 LONGEST_NAME = 64  # [characters], as the field says
 AppNumber = Annotated[int, Field(ge=0)]
@@ -26,13 +28,47 @@ class Group(BaseModel):
     first: AppNumber
     last: AppNumber
     name: PhaseName
+    strokes: Annotated[int, Field(ge=1)] = 1  # of the phase as it was taught
+
+    @property
+    def strokes_in_words(self) -> str:
+        """The number of strokes if there are several; edits of the program do not change it."""
+        return "" if self.strokes == 1 else f"{self.strokes} strokes taught"
+
+    @property
+    def apps_in_words(self) -> str:
+        """The numbers of the apps, for people."""
+        if self.first == self.last:
+            return f"app {app_number(self.first)}"
+        return f"apps {app_number(self.first)}–{app_number(self.last)}"
+
+    @property
+    def heading(self) -> str:
+        """The name, the strokes and the apps in one line, for people."""
+        named = ", ".join(filter(None, (self.name, self.strokes_in_words)))
+        return f"{named}: {self.apps_in_words}"
+
+
+def groups_by_first(groups: Sequence[Group], count: int) -> dict[int, Group]:
+    """Return groups by their first app, without those that a program of `count` apps cannot have.
+
+    These are the groups in a changed file that go past its apps, or that share apps with an earlier group.
+    """
+    found: dict[int, Group] = {}
+    free = 0  # the first app after the groups so far
+    for group in sorted(groups, key=lambda one: one.first):
+        if free <= group.first <= group.last < count:
+            found[group.first] = group
+            free = group.last + 1
+    return found
 
 
 def groups_of(apps: Sequence[App], phases: Sequence[Phase]) -> tuple[Group, ...]:
     """Return a group for each phase that has apps, named as the phase is, or by kind and number: `contact 1`.
 
-    An app belongs to the phase of its first segment; one without segments to the phase at its time. There is
-    no group for a single phase, or for one whose apps no longer follow each other after edits.
+    An app belongs to the phase of its first segment; one without segments to the phase at its time. A part
+    that was taught again belongs to the group around it. There is no group for a single phase, or for one
+    whose apps no longer follow each other after edits.
     """
     groups: list[Group] = []
     if len(phases) < 2:
@@ -42,11 +78,10 @@ def groups_of(apps: Sequence[App], phases: Sequence[Phase]) -> tuple[Group, ...]
     owners = _phases_of(apps, phases)
     for number, phase in enumerate(phases):
         members = [index for index, owner in enumerate(owners) if owner == number]
-        apart = bool(members) and members[-1] - members[0] + 1 > len(members)
-        if members and not (apart and any(app.changes for app in apps)):
+        if members and not _is_divided(owners, number):
             counts[phase.kind] += 1
             name = phase.name or f"{phase.kind} {counts[phase.kind]}"
-            groups.append(Group(first=members[0], last=members[-1], name=name))
+            groups.append(Group(first=members[0], last=members[-1], name=name, strokes=phase.strokes))
     return tuple(groups)
 
 
@@ -68,6 +103,18 @@ def ungrouped_notes(apps: Sequence[App], phases: Sequence[Phase]) -> Iterator[st
             when = interval(phase.t0, phase.tn, 1)
             why = f"it lies in {across[0]}, which begins in the phase before" if across else "it has no app"
             yield f"Phase {number + 1} ({called}) at {when} s is no group of the program: {why}."
+
+
+def divided_notes(apps: Sequence[App], phases: Sequence[Phase]) -> tuple[str, ...]:
+    """Return a note on each phase that is no group because edits put other apps between its apps."""
+    phases = tuple(phases)  # stored ones are decoded once
+    owners = _phases_of(apps, phases)
+    return tuple(
+        f"Phase {number + 1} ({phase.name or phase.kind}) is no group of the program: "
+        "apps of another one were put between its apps."
+        for number, phase in enumerate(phases)
+        if _is_divided(owners, number)
+    )
 
 
 def renamed(groups: Sequence[Group], names: Sequence[str]) -> tuple[Group, ...]:
@@ -94,11 +141,24 @@ def renamed(groups: Sequence[Group], names: Sequence[str]) -> tuple[Group, ...]:
     return tuple(found)
 
 
-def _phases_of(apps: Sequence[App], phases: Sequence[Phase]) -> list[int]:
-    """Return the number of the last phase that begins no later than each app. phases: in order."""
+def _is_divided(owners: Sequence[int | None], number: int) -> bool:
+    """Return whether apps of other phases lie between those of a phase."""
+    members = [index for index, owner in enumerate(owners) if owner == number]
+    return bool(members) and bool({*owners[members[0] : members[-1]]} - {number, None})
+
+
+def _phases_of(apps: Sequence[App], phases: Sequence[Phase]) -> list[int | None]:
+    """Return the number of the last phase that begins no later than each app. phases: in order.
+
+    None for an app that was taught again, whose time is that of another session. Without edits the numbers
+    rise: an app without segments may begin before the one before it ends.
+    """
     firsts, starts = [one.first_segment for one in phases], [one.t0 for one in phases]
     begun = (
         bisect_right(firsts, app.segments[0]) if app.segments else bisect_right(starts, app.t0)
         for app in apps
     )
-    return [max(count - 1, 0) for count in begun]
+    owners = [max(count - 1, 0) for count in begun]
+    if not any(app.changes for app in apps):
+        return [*accumulate(owners, max)]
+    return [None if is_taught_again(app) else owner for app, owner in zip(apps, owners, strict=True)]

@@ -1,5 +1,6 @@
 """Writes a program as a behaviour tree for BehaviorTree.CPP 4: one sequence, one action per app, typed ports.
 
+The apps of a group are a sequence within it, with the group's name.
 Lists of numbers have semicolons, as in its text form of a `std::vector<double>`. The node registered under an
 action's name implements it (https://www.behaviortree.dev, "The XML format"). Pauses between apps are `Sleep`,
 a node of the library. The robot and the findings of a check are comments.
@@ -20,6 +21,7 @@ from caesura_protocol.app_force_limit import is_path_limited
 from caesura_protocol.app_kinds import APP_KINDS, AppKind, app_number, step_title
 from caesura_protocol.messages import AppPath
 from caesura_protocol.programs.app_time_shifts import rests_of
+from caesura_protocol.programs.apps_by_phase import groups_by_first
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.planned_apps import LEAST_PAUSE_S, pause_between
 from caesura_protocol.programs.script_templates import findings_by_app
@@ -103,9 +105,18 @@ def behaviour_tree(program: ProgramFile) -> str:
     if program.robot is not None:
         sequence.append(_comment(f"taught on the robot {program.robot}"))
     sequence.extend(map(_comment, comments.get(None, ())))
+    whole, until = sequence, 0  # the app after the group that `sequence` is
+    groups = groups_by_first(program.groups, len(program.apps))
     for index, app in enumerate(program.apps):
+        if (group := groups.get(index)) is not None:
+            sequence, until = (
+                Xml.SubElement(whole, "Sequence", {"name": _valid(group.heading)}),
+                group.last + 1,
+            )
+        elif index == until:
+            sequence = whole
         sequence.extend(map(_comment, comments.get(index, ())))
-        title = NO_XML.sub("\N{REPLACEMENT CHARACTER}", step_title(app.kind, app.name, app.target_name))
+        title = _valid(step_title(app.kind, app.name, app.target_name))
         given = {"name": f"{app_number(index)} {title}"} | _inputs(app, program)
         Xml.SubElement(sequence, action_name(app.kind), given)
         following = program.apps[index + 1] if index + 1 < len(program.apps) else None
@@ -125,7 +136,12 @@ def action_name(kind: AppKind) -> str:
 
 def _comment(text: str) -> Xml.Element[Any]:
     """Return a comment; XML has no `--` within one, and some characters nowhere."""
-    return Xml.Comment(NO_XML.sub("\N{REPLACEMENT CHARACTER}", f" {re.sub('-(?=-)', '- ', text)} "))
+    return Xml.Comment(_valid(f" {re.sub('-(?=-)', '- ', text)} "))
+
+
+def _valid(text: str) -> str:
+    """Return a text with a replacement for the characters that XML cannot have."""
+    return NO_XML.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
 def _model(models: Xml.Element, kind: AppKind) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 
 from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
 from caesura_protocol.messages import App
+from caesura_protocol.programs.apps_by_phase import groups_by_first
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.contact_forces import friction_of
 from caesura_protocol.programs.document import ProgramFile
@@ -77,6 +78,12 @@ def findings_by_app(program: ProgramFile) -> dict[int | None, list[str]]:
     return found
 
 
+def group_comments(program: ProgramFile) -> dict[int, str]:
+    """Return the comment line at which each group of apps begins, by its first app from 0."""
+    groups = groups_by_first(program.groups, len(program.apps))
+    return {index: _one_line(f"# === {group.heading} ===") for index, group in groups.items()}
+
+
 def head_comments(program: ProgramFile) -> str:
     """Return a check's findings on the whole program, as lines of comment for the top of a script."""
     return "".join(f"# {comment}\n" for comment in findings_as_comments(program).get(None, ()))
@@ -92,9 +99,10 @@ def table_of_apps(
 
     also: further comments on an app.
     """
-    comments, lines = findings_as_comments(program), []
+    comments, groups, lines = findings_as_comments(program), group_comments(program), []
     for index, (app, row) in enumerate(zip(program.apps, rows, strict=True)):
         said = [app_name(index, app.kind), *comments.get(index, ()), *also(app)]
+        lines += [f"    {groups[index]}"] if index in groups else []
         lines += [f"    # {comment}" for comment in said]
         lines += [indent(pformat(row, width=width, sort_dicts=False), "    ") + ","]
     return "\n".join(["APPS = [", *lines, "]"])

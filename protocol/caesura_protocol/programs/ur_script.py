@@ -24,6 +24,7 @@ from caesura_protocol.programs.program_gripper import GRIPS, gripper_of, not_dri
 from caesura_protocol.programs.script_templates import (
     filled_template,
     findings_as_comments,
+    group_comments,
     head_comments,
     robot_of_script,
     title_of,
@@ -94,12 +95,13 @@ class _Writer:
 
     def __init__(self, program: ProgramFile) -> None:
         self._gripper = gripper_of(program)
-        self._comments = findings_as_comments(program)
+        self._comments, self._groups = findings_as_comments(program), group_comments(program)
 
     def lines(self, planned: PlannedApp) -> list[str]:
         """Return the lines of an app, and of the pause after it."""
         app = planned.app
-        lines = ["", f"# {planned.name}, {app.tn - app.t0:.2f} s"]
+        lines = ["", self._groups[planned.place]] if planned.place in self._groups else []
+        lines += ["", f"# {planned.name}, {app.tn - app.t0:.2f} s"]
         if app.name or app.target_name:
             lines.append(f"# called: {step_title(app.kind, app.name, app.target_name)}")
         lines += [f"# {comment}" for comment in self._comments.get(planned.place, ())]

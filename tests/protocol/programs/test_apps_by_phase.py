@@ -6,9 +6,16 @@ from typing import Any
 
 import pytest
 
-from caesura_protocol.messages import Phase
-from caesura_protocol.programs.apps_by_phase import groups_of, ungrouped_notes
-from harness.programs import app
+from caesura_protocol.messages import App, AppChange, Phase
+from caesura_protocol.programs.apps_by_phase import (
+    Group,
+    divided_notes,
+    groups_by_first,
+    groups_of,
+    ungrouped_notes,
+)
+from caesura_protocol.programs.checks import document_findings
+from harness.programs import app, as_file
 
 
 def phase(first: int, last: int, **fields: Any) -> Phase:
@@ -33,6 +40,62 @@ def test_a_phase_that_an_app_of_the_phase_before_crosses_is_named():
         "Phase 2 (wipe) at 2.0–3.0 s is no group of the program: it lies in app 1 (move to contact), which "
         "begins in the phase before."
     ]
+
+
+TWICE = (phase(0, 0, kind="free"), phase(1, 3, name="wipe", strokes=3), phase(4, 4, kind="free"))
+FIVE = tuple(
+    app("cartesian_motion", t, t + 1.0, (0.0, 0.4, 0.1 * t), segments=(int(t),))
+    for t in (0.0, 1.0, 2.0, 3.0, 4.0)
+)
+
+
+def marked(one: App, **update: Any) -> App:
+    mark = AppChange(field="place", author="Ann", edit=1)
+    return one.model_copy(update={"changes": (mark,), **update})
+
+
+def test_a_group_has_the_strokes_that_were_taught_and_the_numbers_of_its_apps():
+    headings = [one.heading for one in groups_of(FIVE, TWICE)]
+    assert headings == ["free 1: app 1", "wipe, 3 strokes taught: apps 2–4", "free 2: app 5"]
+
+
+def test_a_group_that_edits_divided_is_left_out_and_named():
+    # A name that an operator gave it was lost, and nothing said so.
+    apps = (FIVE[0], FIVE[1], marked(FIVE[4]), FIVE[2], FIVE[3])
+    assert [one.name for one in groups_of(apps, TWICE)] == ["free 1", "free 2"]
+    assert divided_notes(apps, TWICE) == (
+        "Phase 2 (wipe) is no group of the program: apps of another one were put between its apps.",
+    )
+
+
+def test_a_part_that_was_taught_again_stays_in_its_group():
+    # Its time is that of another session: the group it lies in was left out, and another one, too.
+    mark = AppChange(field="taught_again", author="Ann", edit=1)
+    again = marked(FIVE[2], t0=4.2, tn=5.0, segments=(), added=1, changes=(mark,))
+    apps = (*FIVE[:2], again, *FIVE[3:])
+    assert [one.heading for one in groups_of(apps, TWICE)] == [one.heading for one in groups_of(FIVE, TWICE)]
+
+
+def test_a_group_whose_apps_were_deleted_is_none_and_needs_no_note():
+    apps = (FIVE[0], FIVE[4])
+    assert [one.heading for one in groups_of(apps, TWICE)] == ["free 1: app 1", "free 2: app 2"]
+    assert divided_notes(apps, TWICE) == ()
+
+
+def test_an_app_without_segments_that_begins_in_the_phase_before_divides_no_group():
+    # Its group began before the end of the one before, and one of the two could not be shown.
+    grasp = app("grasp", 0.9, 1.4, segments=())
+    apps = (FIVE[0], FIVE[1], grasp, *FIVE[2:])
+    assert [(one.first, one.last) for one in groups_of(apps, TWICE)] == [(0, 0), (1, 4), (5, 5)]
+
+
+def test_groups_of_a_changed_file_that_do_not_fit_are_named():
+    groups = (Group(first=0, last=1, name="reach"), Group(first=1, last=2, name="wipe"))
+    groups += (Group(first=4, last=9, name="retract"), Group(first=3, last=2, name="back"))
+    program = as_file(FIVE).model_copy(update={"groups": groups})
+    assert [one.name for one in groups_by_first(groups, len(FIVE)).values()] == ["reach"]
+    said = [one.reason.split(":")[0] for one in document_findings(program) if "is not shown" in one.reason]
+    assert said == ["group wipe", "group retract", "group back"]
 
 
 def test_a_phase_with_a_name_and_without_an_app_is_named():

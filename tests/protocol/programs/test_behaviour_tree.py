@@ -9,6 +9,7 @@ import pytest
 
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, AppPath, ViaPoint
+from caesura_protocol.programs.apps_by_phase import Group
 from caesura_protocol.programs.behaviour_tree import PORTS, action_name, behaviour_tree
 from harness.programs import DOWN, app, as_file, move, pick_and_place, press, pressed_harder_before, wiped
 
@@ -114,6 +115,25 @@ def test_the_robot_and_what_a_check_finds_are_comments() -> None:
     assert "<!-- warning: Not observed: 1.00–1.20 s - - - samples were lost. -->" in text
     assert "no app opens the fingers before" in text.split("<Grasp")[0]
     assert "sets down" not in text, "that is how a script does it"
+
+
+def test_a_group_is_a_sequence_of_its_apps_with_its_name() -> None:
+    # The tree was one flat sequence: nothing in it said that three of its apps are one skill.
+    name = 'wipe"/><Evil name="\ufffe--'
+    groups = (Group(first=1, last=3, name=name, strokes=2), Group(first=5, last=5, name="retract"))
+    program = as_file(pick_and_place()).model_copy(update={"groups": groups})
+    root = Xml.fromstring(behaviour_tree(program))
+    (sequence,) = root.iterfind("BehaviorTree/Sequence")
+    found = [node for node in sequence if node.tag != "Sleep"]
+    assert [node.tag for node in found] == ["MoveToContact", "Sequence", "GripperMove", "Sequence"]
+    names = [node.get("name") for node in sequence.iterfind("Sequence")]
+    shown = name.replace("\ufffe", "\N{REPLACEMENT CHARACTER}")
+    assert names == [f"{shown}, 2 strokes taught: apps 2–4", "retract: app 6"]
+    inside = [node.tag for node in found[1] if node.tag != "Sleep"]
+    assert inside == ["Grasp", "Transport", "Transport"]
+    assert not list(root.iter("Evil"))
+    apps = [node.get("name") for node in sequence.iter() if node.tag not in {"Sequence", "Sleep"}]
+    assert [title.split()[0] for title in apps if title is not None] == ["1", "2", "3", "4", "5", "6"]
 
 
 def test_a_number_that_is_not_finite_is_refused() -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from caesura_protocol.app_kinds import app_name
 from caesura_protocol.messages import App, WrenchReport
+from caesura_protocol.programs.apps_by_phase import Group
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.franky_script import franky_script
@@ -76,6 +77,24 @@ def test_a_finding_is_one_line_of_comment(write: Writer, robot: str, gripper: st
     assert [line for line in lines if "import os" in line] == [
         "# warning: contacts were not looked for. first import os"
     ]
+
+
+@pytest.mark.parametrize(("write", "robot", "gripper"), SCRIPTS)
+def test_a_group_of_apps_has_its_name_above_its_first_app(write: Writer, robot: str, gripper: str):
+    # A name that an operator gave to a phase was in no script. It may hold what ends a comment in a file.
+    name = "wipe <APPS> the tray\nimport os\u2028import sys\x85halt"
+    groups = (Group.model_construct(first=0, last=2, name=name, strokes=3),)
+    program = on_robot(pick_and_place(), robot, gripper).model_copy(update={"groups": groups})
+    plain, text = write(on_robot(pick_and_place(), robot, gripper)), write(program)
+    lines = [line.strip() for line in text.splitlines()]
+    (heading,) = [line for line in lines if "import os" in line]
+    assert heading.startswith(
+        "# === wipe <APPS> the tray import os import sys halt, 3 strokes taught: apps 1"
+    )
+    after = next(line for line in lines[lines.index(heading) + 1 :] if line)
+    assert after.startswith("# app 1 (move to contact)")
+    code = [line for line in text.splitlines() if line.strip() and not line.strip().startswith("#")]
+    assert code == [line for line in plain.splitlines() if line.strip() and not line.strip().startswith("#")]
 
 
 def test_a_urscript_is_plain_ascii():

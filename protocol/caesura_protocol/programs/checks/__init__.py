@@ -5,6 +5,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
+from caesura_protocol.programs.apps_by_phase import groups_by_first
 from caesura_protocol.programs.checks.fidelity import DemonstrationQuality, fidelity_findings
 from caesura_protocol.programs.checks.findings import Finding
 from caesura_protocol.programs.checks.gripper_capability import gripper_findings
@@ -35,7 +38,7 @@ __all__ = [
 def document_findings(program: ProgramFile) -> list[Finding]:
     """Return all findings on a program that need no robot, errors first."""
     quality = DemonstrationQuality(program.gaps, program.wrench, program.timing, program.notes)
-    found = mounting_findings(program.up)
+    found = [*mounting_findings(program.up), *_groups_not_shown(program)]
     try:
         held_by = gripper_of(program)
     except (GripperError, RobotError) as error:
@@ -51,6 +54,15 @@ def document_findings(program: ProgramFile) -> list[Finding]:
         found += workspace_findings(program.apps, program.safety)
         found += fidelity_findings(program.apps, quality, program.safety)
     return sorted(found, key=lambda one: one.severity)
+
+
+def _groups_not_shown(program: ProgramFile) -> Iterator[Finding]:
+    """Yield a warning on each group that a program with these apps cannot have."""
+    shown = groups_by_first(program.groups, len(program.apps)).values()
+    for group in program.groups:
+        if group not in shown:
+            reason = f"group {group.heading} is not shown: it goes past the last app, or into another group"
+            yield Finding("warning", None, None, reason)
 
 
 def findings_beside_notes(program: ProgramFile) -> list[Finding]:

@@ -69,12 +69,15 @@ def test_a_check_says_what_is_wrong_and_exits_with_1(program: Path, tmp_path: Pa
     content["apps"][1]["force"] = [0.0, 0.0, -40.0]
     program.write_text(json.dumps(content), encoding="utf-8")
     done = caesura("check", program)
+    assert done.exit_code == 0  # no limit is set
+    assert "warning: app 2 (apply force): force 40.0 N is above 28.5 N" in done.output
+    done = caesura("check", program, "--force-limit", "20")
     assert done.exit_code == 1
-    assert "error: app 2 (apply force): force 40 N, expected 1 to 28.5 N" in done.output
+    assert "error: app 2 (apply force): force 40 N, expected 1 to 20 N" in done.output
     assert "cannot be run" in done.output
-    found = json.loads(caesura("check", program, "--json").output)
+    found = json.loads(caesura("check", program, "--force-limit", "20", "--json").output)
     (finding,) = (one for one in found if one["severity"] == "error")
-    assert (finding["index"], finding["value"], finding["limit"]) == (1, 40.0, 28.5)
+    assert (finding["index"], finding["value"], finding["limit"]) == (1, 40.0, 20.0)
 
 
 def test_a_script_for_another_robot_of_the_maker_is_written_where_it_is_retargeted(program: Path) -> None:
@@ -120,7 +123,7 @@ def test_what_is_refused_is_not_run(spoilt: Path, tmp_path: Path) -> None:
     out = tmp_path / "run.npz"
     done = caesura("execute", spoilt, "--simulated", "--scenario", "dispenser", "-o", out)
     assert done.exit_code == 1
-    assert "app 2 (apply force): force 40 N" in done.output
+    assert "app 2 (apply force): force 40.0 N is above 28.5 N: the robot is stopped at 30 N" in done.output
     assert not out.exists()
 
 

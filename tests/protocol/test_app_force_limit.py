@@ -27,5 +27,16 @@ def test_an_app_is_limited_where_one_of_its_rests_is() -> None:
 
 
 def test_the_check_refuses_a_rest_that_is_pressed_beyond_the_limit() -> None:
-    findings = value_findings(pressed_harder_before(40.0), Safety())
-    assert [one.reason for one in findings] == ["force before its path 40 N, expected 1 to 28.5 N"]
+    (found,) = value_findings(pressed_harder_before(25.0), Safety(force_n=20.0))
+    assert (found.severity, found.reason) == ("error", "force before its path 25 N, expected 1 to 20 N")
+
+
+def test_the_check_warns_of_a_force_with_which_the_robot_would_be_stopped() -> None:
+    """Without a limit, what was taught is written; it was refused at a limit that nobody had set."""
+    (found,) = value_findings(pressed_harder_before(40.0), Safety())
+    assert found.severity == "warning"
+    assert found.reason.startswith(
+        "force before its path 40.0 N is above 28.5 N: the robot is stopped at 30 N"
+    )
+    assert (found.value, found.limit) == (40.0, 28.5)
+    assert not value_findings(pressed_harder_before(40.0), Safety(felt_force_n=43.0))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 
 import numpy as np
@@ -26,7 +26,8 @@ from caesura_lab.teacher.robot_sensors import Sensors
 from caesura_lab.teacher.scenarios import Scenario
 from caesura_protocol.messages import App, Vector, WrenchSource
 from caesura_protocol.programs.app_time_shifts import run_times
-from caesura_protocol.programs.checks.findings import RefusedError
+from caesura_protocol.programs.checks.findings import CheckReport, RefusedError
+from caesura_protocol.programs.checks.value_ranges import beyond_stop
 from caesura_protocol.programs.program_gripper import within_gripper
 from caesura_protocol.programs.safety import DEFAULT, Safety
 from caesura_protocol.recording import Recording
@@ -89,6 +90,8 @@ def execute(
     report = check(apps, cell.simulation().cell(safety), quality, robot, gripper)
     if not report.passed:
         raise RefusedError(report)
+    if stopped := tuple(replace(one, severity="error") for one in beyond_stop(apps, safety)):
+        raise RefusedError(CheckReport(stopped))
     return run(apps, cell, within_gripper(safety, gripper), robot)
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 from caesura_protocol.app_force_limit import LEAST_FORCE_N, exerted_forces, is_press
 from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.messages import App
 from caesura_protocol.programs.checks.preconditions import order_findings
+from caesura_protocol.programs.contact_forces import without_friction
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.robots import RobotDescription
@@ -42,11 +44,27 @@ ACTING = (  # limits on which a running script acts; the others are kept when it
 )
 
 
-def acting_limits(safety: Safety) -> Iterator[str]:
-    """Yield the limits as lines of a script."""
-    for name in ACTING:
+def limits(program: ProgramFile, names: Iterable[str] = tuple(CONSTANTS)) -> Iterator[tuple[str, Any, str]]:
+    """Yield the name, value and meaning of limits of a script.
+
+    The force that an app may ask for is at least that of the program: where the robot would be stopped at it,
+    a script does not begin.
+    """
+    for name in names:
         field, why = CONSTANTS[name]
-        yield f"{name} = {getattr(safety, field):g}  # {why}"
+        value = getattr(program.safety, field)
+        yield name, max(value, hardest_n(program)) if name == "MAX_FORCE_N" else value, why
+
+
+def hardest_n(program: ProgramFile) -> float:
+    """Return the largest force [N] of a program, as scripts exert it; 0 without a press."""
+    apps = map(without_friction, program.apps)
+    return max((one.newton for app in apps for one in exerted_forces(app)), default=0.0)
+
+
+def acting_limits(program: ProgramFile) -> Iterator[str]:
+    """Yield the limits on which a running script acts, as its lines."""
+    return (f"{name} = {value:g}  # {why}" for name, value, why in limits(program, ACTING))
 
 
 def within_robot(acceleration: float, robot: RobotDescription | None) -> float:
@@ -65,9 +83,9 @@ def refuse_beyond_limits(program: ProgramFile) -> None:
         name = app_name(index, app.kind)
         _refuse_incomplete(name, app)
         _refuse_outside(name, app, safety)
-        force = max((one.newton for one in exerted_forces(app)), default=0.0)
-        if force > safety.most_force_n + FORCE_SLACK_N:
-            raise ValueError(f"{name}: force {force:.1f} N, at most {safety.most_force_n:.1f} N are allowed")
+        force, most = max((one.newton for one in exerted_forces(app)), default=0.0), safety.force_n
+        if most is not None and force > most + FORCE_SLACK_N:
+            raise ValueError(f"{name}: force {force:.1f} N, at most {most:.1f} N are allowed")
         if app.load_kg is not None and not 0.0 <= app.load_kg <= safety.load_kg:
             raise ValueError(f"{name}: load {app.load_kg} kg, at most {safety.load_kg} kg are allowed")
     for one in order_findings(program.apps):

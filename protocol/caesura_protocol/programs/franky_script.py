@@ -15,9 +15,8 @@ from caesura_protocol.messages import Vector
 from caesura_protocol.programs.app_time_shifts import goes_on, rests_of
 from caesura_protocol.programs.contact_forces import force_in_tool, without_friction
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
-from caesura_protocol.programs.export_limits import CONSTANTS, refuse_beyond_limits
+from caesura_protocol.programs.export_limits import limits, refuse_beyond_limits
 from caesura_protocol.programs.program_gripper import gripper_of, not_driven, with_held_loads
-from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.script_templates import (
     filled_template,
     head_comments,
@@ -48,7 +47,7 @@ def franky_script(program: ProgramFile) -> str:
         MARK_NAME: title_of(program),
         MARK_ROBOT: "Franka Panda" if robot is None else robot.title,
         MARK_FINDINGS: head_comments(program),
-        MARK_LIMITS: _limits(program.safety),
+        MARK_LIMITS: "\n".join(f"{name} = {value!r}  # {why}" for name, value, why in limits(program)),
         MARK_APPS: table_of_apps(program, _rows(program.apps), 96),
     }
     return filled_template("franky_template.py.txt", texts)
@@ -62,11 +61,6 @@ def _refuse_other_gripper(program: ProgramFile) -> None:
     for index, app in enumerate(program.apps):
         if app.kind in {"grasp", "gripper_move"}:
             raise ValueError(not_driven(app_name(index, app.kind), "franky", held_by, {"franka"}))
-
-
-def _limits(safety: Safety) -> str:
-    lines = (f"{name} = {getattr(safety, field)!r}  # {why}" for name, (field, why) in CONSTANTS.items())
-    return "\n".join(lines)
 
 
 def _rows(apps: Sequence[ProgramStep]) -> list[dict[str, Any]]:

@@ -58,10 +58,14 @@ class Safety(BaseModel):
         return self
 
     @property
+    def most_felt_n(self) -> float:
+        """The greatest force [N] that a robot presses without being stopped."""
+        return STOP_SHARE * self.felt_force_n
+
+    @property
     def most_force_n(self) -> float:
-        """The greatest force [N] of a program: at most the cell's limit, and below the robot's stop."""
-        stops = STOP_SHARE * self.felt_force_n
-        return stops if self.force_n is None else min(self.force_n, stops)
+        """The greatest force [N] of a run: at most the cell's limit, and below the robot's stop."""
+        return self.most_felt_n if self.force_n is None else min(self.force_n, self.most_felt_n)
 
     def slower(self, speed_m_per_s: float, turn_rad_per_s: float) -> float:
         """Return the factor of time, 1 or more, with which a movement of these peaks keeps the limits."""

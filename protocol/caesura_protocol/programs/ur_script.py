@@ -18,7 +18,12 @@ from caesura_protocol.app_kinds import APP_KINDS, step_title
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.contact_forces import force_in_tool
 from caesura_protocol.programs.document import ProgramFile, other_joints
-from caesura_protocol.programs.export_limits import acting_limits, refuse_beyond_limits, within_robot
+from caesura_protocol.programs.export_limits import (
+    acting_limits,
+    hardest_n,
+    refuse_beyond_limits,
+    within_robot,
+)
 from caesura_protocol.programs.planned_apps import LEAST_PAUSE_S, PlannedApp, planned_apps
 from caesura_protocol.programs.program_gripper import GRIPS, gripper_of, not_driven, with_held_loads
 from caesura_protocol.programs.script_templates import (
@@ -62,7 +67,8 @@ def ur_script(program: ProgramFile) -> str:
         "<NAME>": title_of(program),
         "<ROBOT>": title,
         "<FINDINGS>\n": head_comments(program),
-        "<LIMITS>": "\n".join(f"{INDENT}{line}" for line in acting_limits(program.safety)),
+        "<LIMITS>": "\n".join(f"{INDENT}{line}" for line in acting_limits(program)),
+        "<HARDEST_N>": f"{hardest_n(program):.3f}",
         "<GRAVITY>\n": _gravity(program),
         "<UP>": _list((0.0, 0.0, 1.0) if program.up is None else program.up),
         "<ACCELERATION>": f"{acceleration:g}",

@@ -56,7 +56,7 @@ def xarm_script(program: ProgramFile) -> str:
         "<NAME>": title_of(program),
         "<ROBOT>": title,
         "<FINDINGS>\n": head_comments(program),
-        "<LIMITS>": "\n".join(acting_limits(program.safety)),
+        "<LIMITS>": "\n".join(acting_limits(program)),
         "<ACCELERATION>": f"{acceleration:g}",
         "<APPS>": table_of_apps(program, rows, 106, _leaning),
     }

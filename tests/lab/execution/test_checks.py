@@ -15,10 +15,12 @@ from scipy.spatial.transform import Rotation
 from caesura_lab.execution.cell_limits import Cell
 from caesura_lab.execution.cell_simulation import CellSimulation
 from caesura_lab.execution.checks import DemonstrationQuality, check
+from caesura_lab.execution.executor import SimulatedCell, execute
+from caesura_lab.teacher.person import THESIS
 from caesura_lab.teacher.scenarios import SCENARIOS
 from caesura_protocol.messages import App, AppPath, Gap, ViaPoint
 from caesura_protocol.programs.app_time_shifts import earlier
-from caesura_protocol.programs.checks.findings import CheckReport
+from caesura_protocol.programs.checks.findings import CheckReport, RefusedError
 from caesura_protocol.programs.safety import Safety
 from caesura_service.robot import Robot, load_panda, load_robot
 from harness.programs import app, path_from, pick_and_place, press
@@ -205,8 +207,12 @@ def test_a_press_needs_a_contact_before_it_and_pushes_within_the_limit(robot: Ro
     refused = check(strong, replace(here, safety=limited), robot=robot)
     assert only(refused) == "error: app 2 (apply force): force 12 N, expected 1 to 10 N"
     assert (refused.errors[0].value, refused.errors[0].limit) == (12.0, limited.force_n)
-    stronger = check(changed(press(), 1, force=(0.0, 0.0, -29.0)), here, robot=robot)
-    assert only(stronger) == "error: app 2 (apply force): force 29 N, expected 1 to 28.5 N"
+    stronger = changed(press(), 1, force=(0.0, 0.0, -29.0))
+    said = "app 2 (apply force): force 29.0 N is above 28.5 N: the robot is stopped at 30 N (felt_force_n)"
+    (warned,) = check(stronger, here, robot=robot).findings
+    assert str(warned).startswith(f"warning: {said}")
+    with pytest.raises(RefusedError, match=re.escape(f"error: {said}")):
+        execute(stronger, SimulatedCell(SCENARIOS["dispenser"], THESIS, 1))
     assert "pulls on what it touches" in only(
         check(changed(press(), 1, force=(0.0, 0.0, 8.0)), here, robot=robot)
     )

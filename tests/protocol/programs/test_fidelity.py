@@ -237,11 +237,11 @@ def test_the_weight_of_what_is_set_down_is_no_press_that_was_lost(force: Vector,
 
 
 def test_what_is_lost_is_found_beside_an_error_of_another_app():
-    # One force above the robot's limit hid every warning: of check, and in a behaviour tree.
+    # One number above the robot's limit hid every warning: of check, and in a behaviour tree.
     touch = app("move_to_contact", 3.0, 4.0, there(0.6))
-    hard = app("apply_force", 4.0, 5.0, there(0.6), force=(0.0, 0.0, -40.0))
+    hard = app("apply_force", 4.0, 5.0, there(0.6), force=(0.0, 0.0, -4.0), load_kg=9.0)
     assert (1, TAUGHT) in found(FIRST, SECOND, touch, hard)
-    assert any("force 40 N, expected" in reason for _, reason in found(FIRST, SECOND, touch, hard))
+    assert any("load 9 kg, expected" in reason for _, reason in found(FIRST, SECOND, touch, hard))
     nowhere = FIRST.model_copy(update={"target": (float("nan"), 0.2, 0.3)})
     assert not any("no app" in reason for _, reason in found(nowhere, SECOND, touch, hard))
 

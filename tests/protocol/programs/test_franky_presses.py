@@ -69,8 +69,9 @@ def test_a_rest_beyond_the_limit_is_refused_before_anything_moves() -> None:
     made.APPS[1]["before_n"] = 40.0
     with pytest.raises(made.Stop, match=r"force 40\.0 N"):
         made.checked(made.APPS)
+    limited = {"safety": Safety(force_n=28.5)}
     with pytest.raises(ValueError, match=r"app 2 .*force 40\.0 N, at most 28\.5 N"):
-        franky_script(as_file(pressed_harder_before(newton=40.0)))
+        franky_script(as_file(pressed_harder_before(newton=40.0)).model_copy(update=limited))
 
 
 def test_over_a_bend_the_contact_is_looked_for_where_the_fingers_point() -> None:

@@ -14,8 +14,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from caesura_protocol.app_kinds import APP_KINDS
-from caesura_protocol.programs import franky_script as writer
 from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.programs.export_limits import CONSTANTS
 from caesura_protocol.programs.franky_script import franky_script
 from caesura_protocol.programs.safety import Safety
 from harness.programs import DOWN, app, as_file, curved, path_from, pick_and_place, press, set_down_at_once
@@ -39,7 +39,7 @@ def test_poses_of_the_fake_are_multiplied_as_scipys() -> None:
 def test_limits_stand_at_the_top_and_are_those_of_the_program() -> None:
     safety = Safety(speed_m_per_s=0.25, felt_force_n=20.0)
     made = module_of(as_file(press()).model_copy(update={"safety": safety}))
-    for name, (field, _) in writer.CONSTANTS.items():
+    for name, (field, _) in CONSTANTS.items():
         assert getattr(made, name) == getattr(safety, field)
     text = franky_script(as_file(press()))
     assert text.index("MAX_SPEED_M_PER_S =") < text.index("APPS =") < text.index("def ")
@@ -153,8 +153,10 @@ def test_it_refuses_what_is_beyond_its_limits_before_anything_moves(wrong: dict[
     made.APPS[1].update(wrong)
     with pytest.raises(made.Stop, match=rf"app 2 \(apply force\): .*{said}"):
         made.checked(made.APPS)
+    limited = as_file((first, rest[0].model_copy(update=wrong)))
+    limited = limited.model_copy(update={"safety": Safety(force_n=28.5)})
     with pytest.raises(ValueError, match=rf"app 2 \(apply force\): .*{said}"):
-        franky_script(as_file((first, rest[0].model_copy(update=wrong))))
+        franky_script(limited)
 
 
 def test_without_a_contact_it_stops_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -296,7 +296,7 @@ def test_a_screw_ends_where_it_is_tight():
             "app 2 .grasp.: URScript does not drive a Franka Hand",
         ),
         (on_ur(pick_and_place(), gripper=None), "app 2 .grasp.: .*--gripper.* robotiq_2f_85, robotiq_2f_140"),
-        (on_ur(press(), safety=Safety(felt_force_n=5.0)), "app 2 .apply force.: force 10.0 N, at most 4.8 N"),
+        (on_ur(press(), safety=Safety(force_n=5.0)), "app 2 .apply force.: force 10.0 N, at most 5.0 N"),
         (
             on_ur(press(), safety=Safety(workspace_low=(0.0, -1.0, 0.0))),
             "target at x -0.02 m, the workspace is 0.0 to 0.75 m; state that of the cell with --cell",

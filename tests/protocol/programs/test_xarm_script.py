@@ -194,7 +194,7 @@ def test_a_turn_ends_where_it_is_tight(felt_nm, tight):
             on_xarm(pick_and_place(), gripper=None),
             "no gripper is stated, expected --gripper, or Gripper in the dashboard: robotiq_2f_85",
         ),
-        (on_xarm(press(), safety=Safety(felt_force_n=5.0)), "force 10.0 N, at most 4.8 N"),
+        (on_xarm(press(), safety=Safety(force_n=5.0)), "force 10.0 N, at most 5.0 N"),
     ],
 )
 def test_what_cannot_be_run_is_refused_by_name(program, said):

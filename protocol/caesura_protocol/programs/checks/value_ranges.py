@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from caesura_protocol.app_force_limit import LEAST_PRESS_N, exerted_forces
+from caesura_protocol.app_force_limit import LEAST_PRESS_N, ExertedForce, exerted_forces
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import JOINTS_MOST, App, AppPath, ViaPoint
 from caesura_protocol.number_words import fixed, reads_above
@@ -72,7 +72,7 @@ def value_findings(apps: Sequence[App], safety: Safety) -> list[Finding]:
         if app.t0 < before.t0:
             reason = f"begins at {fixed(app.t0, 2)} s, before the app before it at {fixed(before.t0, 2)} s"
             found.append(Finding("error", index, app.kind, reason, app.t0, before.t0))
-    return found
+    return [*found, *(beyond_stop(apps, safety) if are_numbers_finite(apps) else ())]
 
 
 def are_numbers_finite(apps: Sequence[App]) -> bool:
@@ -190,7 +190,25 @@ def _ranges(app: App, safety: Safety) -> Iterator[_Range]:
 
 def _press_ranges(app: App, safety: Safety) -> Iterator[_Range]:
     least_n = LEAST_PRESS_N if APP_KINDS[app.kind].presses else 0.0
+    most_n = np.inf if safety.force_n is None else safety.force_n
     for force in exerted_forces(app):
-        if abs(force.newton - safety.most_force_n) > FORCE_TOLERANCE_N:
-            name = f"force {force.when} its path" if force.when else "force"
-            yield _Range(name, force.newton, least_n, safety.most_force_n, "N")
+        if abs(force.newton - most_n) > FORCE_TOLERANCE_N:
+            yield _Range(_name_of(force), force.newton, least_n, most_n, "N")
+
+
+def beyond_stop(apps: Sequence[App], safety: Safety) -> Iterator[Finding]:
+    """Yield a warning on the largest force of each app with which the robot would be stopped."""
+    most, stops = safety.most_felt_n, safety.felt_force_n
+    for index, app in enumerate(apps):
+        force = max(exerted_forces(app), key=lambda one: one.newton, default=None)
+        if force is not None and force.newton > most + FORCE_TOLERANCE_N:
+            reason = (
+                f"{_name_of(force)} {fixed(force.newton, 1)} N is above {fixed(most, 1)} N: the robot is "
+                f"stopped at {stops:g} N (felt_force_n), so it does not begin. Raise that with --cell, or "
+                "limit the force with --force-limit"
+            )
+            yield Finding("warning", index, app.kind, reason, force.newton, most)
+
+
+def _name_of(force: ExertedForce) -> str:
+    return f"force {force.when} its path" if force.when else "force"

@@ -1,13 +1,14 @@
 """Incremental construction of the task program: apps before a quiet place are built only once.
 
 A quiet place is a settled segment whose apps do not depend on earlier segments, and at whose start the
-gripper does nothing. The fingers do not act in it, except near a contact: it would be divided there. It is a
-motion that does not continue an earlier one, and does not follow a contact by two segments. It is not part of
-a carry, and is too long for the end of another motion. No contact follows it into which it may press
-something. The program is then that of the segments before it, followed by that of the segments from it on. If
-there is no quiet place in MOST_UNQUIET segments, the apps are divided at the last of them without contact. A
-gap that affects earlier segments is known by then: a gap ends where a segment begins, and the quiet place is
-a segment.
+gripper does nothing. The fingers do not act in it, or shortly before, except near a contact: it would be
+divided there. It is a motion that does not continue an earlier one, and does not follow a contact by two
+segments. Neither it nor the segment before it is part of a carry. With the motions into which it continues it
+is too long for the end of another motion. No contact follows it into which it may press something. The
+program is then that of the segments before it, followed by that of the segments from it on. If there is no
+quiet place in MOST_UNQUIET segments, the apps are divided at the last of them without contact. A gap that
+affects earlier segments is known by then: a gap ends where a segment begins, and the quiet place is a
+segment.
 """
 
 from __future__ import annotations
@@ -145,16 +146,35 @@ class IncrementalProgramBuilder:
             before, kind = steps[i - 1], step.segment.kind
             touched = before.touches or (i > 1 and steps[i - 2].touches) or self._touched_earlier(steps, i)
             touched = touched or (may_press_in(step) and (i + 1 >= settled or steps[i + 1].touches))
-            moves = kind == "motion" and self._lasts(before) and not touched and not may_end_movement(step)
+            moves = kind == "motion" and self._lasts(before) and not touched
             gripped = any(t0 <= grip.t <= t0 + GRIP_SLACK_S for grip in grips)
-            gripped = gripped or any(t0 < grip.t < step.segment.tn for grip in dividing)
-            quiet = self._lasts(step) and moves and not holds(step, known) and not gripped
-            if quiet and (before.segment.motion == "steady" or is_end_of_movement(t0, self._moment)):
+            parted = t0 - max(self.least_s, GRIP_SLACK_S)  # what is left of the step before may be too short
+            gripped = gripped or any(parted < grip.t < step.segment.tn for grip in dividing)
+            held = holds(before, known) or holds(step, known)
+            quiet = self._lasts(step) and moves and not held and not gripped
+            quiet = quiet and (before.segment.motion == "steady" or is_end_of_movement(t0, self._moment))
+            if quiet and not self._may_end_movement(steps[i:settled]):
                 return i
         if last < begin + MOST_UNQUIET:
             return 0
         apart = (i for i in range(last, begin, -1) if not steps[i].touches and self._lasts(steps[i - 1]))
         return next(apart, last)
+
+    def _may_end_movement(self, steps: Sequence[ProgramSegment]) -> bool:
+        """Return whether a movement is so short that it may be the end of the one before.
+
+        The movements into which it continues are part of it. steps: from its first one to the last settled
+        one; True if it may go on after that.
+        """
+        whole = steps[0]
+        for step in steps[1:]:
+            if may_end_movement(whole):
+                return True
+            kind, t0 = step.segment.kind, step.segment.t0
+            if self._lasts(step) and (kind != "motion" or is_end_of_movement(t0, self._moment)):
+                return False
+            whole = step.joined_to(whole)
+        return True
 
     def _touched_earlier(self, steps: Sequence[ProgramSegment], i: int) -> bool:
         """Return whether the last step that lasts, among those up to step `i` − 2, is in contact."""

@@ -203,6 +203,21 @@ def test_what_is_lost_stands_in_every_table_page_and_script(tmp_path: Path) -> N
     assert [name for name, text in outputs.items() if not lost.search(" ".join(text.split()))] == []
 
 
+@pytest.mark.parametrize("moving", [True, False])
+def test_fingers_that_open_in_motion_are_named_with_the_speed(tmp_path: Path, moving: bool) -> None:
+    """A release in the middle of a way was a stop there, and a check said that all could be run."""
+    way = place(0.4, 0.0, 0.3)
+    way[:, 1] += 0.4 * eased(4.0, 8.0) if moving else 0.2 * eased(2.0, 4.5) + 0.2 * eased(7.5, 9.5)
+    closed, opened = (np.clip((T[:, None] - t0) / 0.4, 0.0, 1.0) for t0 in (1.0, 6.0))
+    opening = 0.08 - 0.05 * (closed - opened)
+    taught = recording(way)
+    taught = replace(taught, signals=taught.signals | {"gripper": opening})
+    named = re.findall(
+        r"at 6\.\d s the flange moved with (\d+) mm/s as the f", said(segmented(tmp_path, taught))
+    )
+    assert [float(speed) for speed in named] == [pytest.approx(188.0, abs=6.0)] * moving
+
+
 def test_a_file_of_version_1_is_read_and_lacks_its_paths(tmp_path: Path) -> None:
     content = json.loads(written(segmented(tmp_path, pressed()), tmp_path).as_json())
     content["version"] = 1

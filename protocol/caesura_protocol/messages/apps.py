@@ -102,3 +102,5 @@ class App(Message):
     target_name: AppLabel | None = None  # what people call its target
     off_straight_m: Amount | None = None  # of a press without a path: off the way to its target
     weaker_n: Amount | None = None  # [N] of a press: the least force held for 1 s, where it is another one
+    moved_m_per_s: Amount | None = None  # of fingers that acted in motion: speed of the flange then
+    turned_rad_per_s: Amount | None = None  # likewise: its rate of turn

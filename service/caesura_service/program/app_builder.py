@@ -59,8 +59,11 @@ from caesura_service.program.segment_interpretation import kept_steps
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
 SETTLES_S = 0.15  # after a turn, until the hand is still
 UNCHANGED: Mapping[str, object] = MappingProxyType({})
-HELD_LOOKS = 5  # observations, half a second, in which a force is steady
-WEAKER_WINDOWS = 6  # of these, one second in all, from which on a weaker force was held on purpose
+HELD_LOOKS = 10  # observations in a row, one second, from which on a weaker force was held on purpose
+WEAKER_LOOKS = 1200  # observations of a press at which its forces are compared: two minutes, or evenly spread
+AT_REST: Mapping[str, float] = MappingProxyType(  # a hand that grips at rest sways by less
+    {"moved_m_per_s": 0.03, "turned_rad_per_s": math.radians(10.0)}
+)
 STILL_PRESSED = 0.7  # of a force: who presses less is letting go
 
 TURNS_AS: dict[Contact, str] = {"free": "motion", "contact": "sliding", "transport": "transport"}
@@ -102,7 +105,7 @@ def task_program(
             before = groups[number - 1][-1] if number else None
             after = groups[number + 1 : number + 3]
             apps += build(_Group(group, before, after, rest, moment_at, force_limit_n, paths))
-    apps += [_grip_app(grip, grip.t, grip.t, moment_at, 1.0, ()) for grip in rest]
+    apps += [_grip_app(grip, grip.t, grip.t, moment_at, paths, 1.0, ()) for grip in rest]
     apps = [_as_observed(app, gaps) for app in sorted(apps, key=_when)]
     return tuple(apps) if paths is None else with_end_velocities(apps, paths, app_before)
 
@@ -278,18 +281,18 @@ class _Group:
     def weaker(self, step: ProgramSegment, times: Sequence[float], force: Vector) -> float | None:
         """Return the least force [N] held at times [s]; None unless it is another one than `force`.
 
-        It is held in every window of `HELD_LOOKS` observations in which it changes by less than a touch.
-        times: of observations, none in a gap: there the nearest one would count again and again.
+        It is held where `HELD_LOOKS` observations in a row, without the largest and the least, differ by less
+        than a touch. times: of observations, none in a gap: there the nearest one would count again and
+        again. Of more than `WEAKER_LOOKS`, every second or later one is compared.
         """
-        moments = (self.moment_at(t).force for t in times)
+        moments = (self.moment_at(t).force for t in times[:: -(-len(times) // WEAKER_LOOKS)])
         newtons = np.array([length(np.subtract(one, step.base)) for one in moments if one is not None])
         if newtons.size < HELD_LOOKS:
             return None
         windows = np.sort(sliding_window_view(newtons, HELD_LOOKS), axis=1)
-        steady = (windows[:, -1] - windows[:, 0] <= PUSHES_BACK_N) & (windows[:, 0] >= PUSHES_BACK_N)
-        levels = windows[steady, HELD_LOOKS // 2]
-        weak = levels[levels <= length(force) - UNLIKE_N]
-        return float(weak.min()) if weak.size >= WEAKER_WINDOWS else None
+        steady = (windows[:, -2] - windows[:, 1] <= PUSHES_BACK_N) & (windows[:, 1] >= PUSHES_BACK_N)
+        least = windows[steady, HELD_LOOKS // 2].min(initial=np.inf)
+        return float(least) if least <= length(force) - UNLIKE_N else None
 
 
 @dataclass(frozen=True)
@@ -346,7 +349,7 @@ def _contacts(group: _Group) -> Iterable[App]:
     for grip, (begun, ended) in zip(mine, _shares(mine, t0, tn), strict=True):
         group.grips.remove(grip)
         confidence, indices = min(step.confidence for step in group.steps), [one.index for one in group.steps]
-        gripping = _grip_app(grip, begun, ended, group.moment_at, confidence, indices)
+        gripping = _grip_app(grip, begun, ended, group.moment_at, group.paths, confidence, indices)
         yield gripping.model_copy(update={"force_taught": _forces(hardest.force, None)["force_taught"]})
     first = group.steps[0]
     if first.arrives and not mine:
@@ -496,7 +499,13 @@ def _along(force: Vector | None, direction: Vector) -> float:
 
 
 def _grip_app(
-    grip: GripperAction, t0: float, tn: float, moment_at: MomentAt, confidence: float, segments: Sequence[int]
+    grip: GripperAction,
+    t0: float,
+    tn: float,
+    moment_at: MomentAt,
+    paths: Paths | None,
+    confidence: float,
+    segments: Sequence[int],
 ) -> App:
     moment = moment_at(grip.t)
     return App(
@@ -513,7 +522,17 @@ def _grip_app(
         gripper_width=moment.gripper_width if grip.width is None else grip.width,
         confidence=confidence,
         segments=tuple(segments),
+        **_in_motion(grip.t, paths),
     )
+
+
+def _in_motion(t: float, paths: Paths | None) -> dict[str, float]:
+    """Return the speeds of the flange at a time [s] at which the fingers acted; none where it rested."""
+    if paths is None or t > paths.settled_until:
+        return {}
+    passing = paths.passing_at(t)
+    speeds = {"moved_m_per_s": length(passing[:3]), "turned_rad_per_s": length(passing[3:])}
+    return {name: speed for name, speed in speeds.items() if speed > AT_REST[name]}  # nan where not known
 
 
 def _forces(on_robot: Vector, limit_n: float | None) -> dict[str, object]:

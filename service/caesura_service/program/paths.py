@@ -65,9 +65,9 @@ class Paths:
             t, poses = self.poses_between(t0, tn)
             passing = np.full((len(t), 6), np.nan)
             if begins_moving:
-                passing[0] = self._passing_at(float(t[0]))
+                passing[0] = self.passing_at(float(t[0]))
             if ends_moving:
-                passing[-1] = self._passing_at(float(t[-1]))
+                passing[-1] = self.passing_at(float(t[-1]))
             found = self._kept[key] = self._made(t, poses, passing)
             if len(self._kept) > MOST_KEPT:
                 del self._kept[next(iter(self._kept))]
@@ -101,8 +101,11 @@ class Paths:
         ends = len(t) - int(np.argmax(to_end[::-1] > self.tolerance_rad))
         return float(t[max(begins, 0)]), float(t[min(ends, len(t) - 1)])
 
-    def _passing_at(self, t: float) -> Array:
-        """Velocity [m/s] and angular velocity [rad/s] (6,) at an observation; nan without both neighbours."""
+    def passing_at(self, t: float) -> Array:
+        """Return the velocity [m/s] and angular velocity [rad/s] (6,) at the observation nearest to t [s].
+
+        nan without both neighbours; the angular velocity also without orientations.
+        """
         times, poses = self.poses_between(t - OBSERVED_S, t + OBSERVED_S)
         passing = np.full(6, np.nan)
         if len(times) == 3 and times[2] - times[0] < 2.5 * OBSERVED_S:

@@ -22,7 +22,7 @@ from caesura_protocol.messages import (
 from caesura_protocol.programs.checks import DemonstrationQuality, document_findings, fidelity_findings
 from caesura_protocol.programs.document import document
 from caesura_protocol.programs.safety import DEFAULT
-from harness.programs import app, move, press, pressed_harder_before
+from harness.programs import app, move, pick_and_place, press, pressed_harder_before
 
 MOVED = (AppChange(field="place", author="Ann", edit=1),)
 
@@ -278,6 +278,27 @@ def test_a_weaker_force_that_was_held_in_a_press_is_named(weaker_n: float | None
     assert [one for one in found if "was taught with" in one] == (
         [f"{said}: teach each force as a press of its own"] * warned
     )
+
+
+@pytest.mark.parametrize(
+    ("speed", "turn", "said"),
+    [
+        (None, None, []),
+        (0.234, None, ["at 7.5–9.8 s the flange moved with 234 mm/s as the fingers acted: the robot stops"]),
+        (
+            0.1,
+            1.0,
+            [
+                "at 7.5–9.8 s the flange moved with 100 mm/s and turned with 57°/s as the fingers acted: "
+                "the robot stops"
+            ],
+        ),
+    ],
+)
+def test_fingers_that_acted_in_motion_are_named(speed: float | None, turn: float | None, said: list[str]):
+    apps = list(pick_and_place())
+    apps[4] = apps[4].model_copy(update={"moved_m_per_s": speed, "turned_rad_per_s": turn})
+    assert [one for one in reasons(tuple(apps)) if "the fingers acted" in one] == said
 
 
 def test_an_orientation_that_was_not_recorded_is_named():

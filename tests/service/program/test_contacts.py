@@ -203,6 +203,42 @@ def test_a_press_states_a_weaker_force_that_was_held_in_it(
     assert press.weaker_n == (None if weaker_n is None else pytest.approx(weaker_n))
 
 
+def test_a_force_that_rises_was_held_nowhere() -> None:
+    """A press that grew from 3 to 25 N within three seconds was one of 4 N that was held for a second."""
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 9.0, **held(25.0)),
+        at=lambda t: drifted(t, pushed_n=min(max(5.5 * (t - 2.0), 0.0), 25.0)),
+    )
+    (press,) = (app for app in made if app.force is not None)
+    assert press.weaker_n is None
+
+
+def test_half_seconds_of_a_weaker_force_are_no_second() -> None:
+    """Four touches of 0.8 s each were a force that was held for a second."""
+
+    def pressed(t: float) -> Moment:
+        return drifted(t, pushed_n=0.0 if t < 2.0 else 12.0 if t > 4.0 and (t % 2.0) < 0.8 else 25.0)
+
+    made = program(segment("motion", 0.0, 2.0), segment("contact", 2.0, 12.0, **held(25.0)), at=pressed)
+    (press,) = (app for app in made if app.force is not None)
+    assert press.weaker_n is None
+
+
+def test_a_press_of_an_hour_is_compared_at_a_bounded_number_of_times() -> None:
+    """Every look at a growing press read each of its observations."""
+    times: set[float] = set()
+
+    def counted(t: float) -> Moment:
+        times.add(t)
+        return drifted(t, pushed_n=0.0 if t < 2.0 else 12.0 if t < 1802.0 else 25.0)
+
+    made = program(segment("motion", 0.0, 2.0), segment("contact", 2.0, 3602.0, **held(25.0)), at=counted)
+    (press,) = (app for app in made if app.force is not None)
+    assert press.weaker_n == pytest.approx(12.0)
+    assert len(times) < 3000
+
+
 def test_a_force_before_a_gap_in_a_press_was_not_held_through_it() -> None:
     """A gap of two seconds showed the last force before it for one second, which no sample shows."""
 

@@ -148,3 +148,28 @@ def test_a_movement_that_leads_nowhere_is_a_rest(way_m: float, turn_deg: float, 
         for (t0, start), (tn, end) in pairwise(ends)
     ]
     assert kinds(program(*parts, at=standing)) == ["cartesian_motion"] * moves
+
+
+@pytest.mark.parametrize(
+    ("way_m_per_s", "rad_per_s", "stated"),
+    [(0.0, 0.0, (None, None)), (0.02, 0.1, (None, None)), (0.2, 0.0, (0.2, None)), (0.0, 0.6, (None, 0.6))],
+)
+def test_fingers_that_act_in_motion_state_how_fast_it_was(
+    way_m_per_s: float, rad_per_s: float, stated: tuple[float | None, float | None]
+) -> None:
+    """What was let go in motion is let go at a stop, and nothing said so."""
+
+    def at(t: float) -> Moment:
+        half = 0.5 * rad_per_s * t
+        return Moment((way_m_per_s * t, 0.0, 0.3), (0.0, 0.0, math.sin(half), math.cos(half)), None, 0.04)
+
+    def between(t0: float, tn: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        times = 0.05 + 0.1 * np.arange(round((t0 - 0.05) / 0.1), round((tn - 0.05) / 0.1) + 1)
+        return times, np.array([(*at(t).position, *(at(t).orientation or ())) for t in times])
+
+    steps = [ProgramSegment(0, segment("motion", 0.0, 4.0), 0.9)]
+    let_go = GripperAction(1.45, "release", 0.08)
+    made = task_program(steps, (let_go,), at, paths=Paths(between))
+    (app,) = (app for app in made if app.kind == "gripper_move")
+    expected = tuple(None if one is None else pytest.approx(one, rel=0.01) for one in stated)
+    assert (app.moved_m_per_s, app.turned_rad_per_s) == expected

@@ -90,6 +90,7 @@ def fidelity_findings(
             *_path_deviation(app),
             *pauses,
             *missed,
+            *_lost_motion(app),
             *_lost_press(app, carried, up),
             *_force_limits(app),
         ]
@@ -282,6 +283,16 @@ def _force_limits(app: App) -> Iterator[Reason]:
             app.load_kg,
             least,
         )
+
+
+def _lost_motion(app: App) -> Iterator[Reason]:
+    """Yield a finding on fingers that acted in motion: robots stand while their fingers move."""
+    speed, turn = app.moved_m_per_s, app.turned_rad_per_s
+    parts = [] if speed is None else [f"moved with {fixed(1000 * speed, 0)} mm/s"]
+    parts += [] if turn is None else [f"turned with {fixed(math.degrees(turn), 0)}°/s"]
+    if parts:
+        when = f"at {interval(app.t0, app.tn, 1)} s"
+        yield f"{when} the flange {' and '.join(parts)} as the fingers acted: the robot stops", speed, None
 
 
 def _lost_press(app: App, carried: App | None, up: Vector) -> Iterator[Reason]:

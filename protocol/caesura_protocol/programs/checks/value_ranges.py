@@ -27,6 +27,8 @@ NUMBERS = (
     "load_sd_kg",
     "gripper_width",
     "weaker_n",
+    "moved_m_per_s",
+    "turned_rad_per_s",
     "confidence",
 )
 TIMES = ("t0", "tn")

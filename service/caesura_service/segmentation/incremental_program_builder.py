@@ -148,7 +148,8 @@ class IncrementalProgramBuilder:
             touched = touched or (may_press_in(step) and (i + 1 >= settled or steps[i + 1].touches))
             moves = kind == "motion" and self._lasts(before) and not touched
             gripped = any(t0 <= grip.t <= t0 + GRIP_SLACK_S for grip in grips)
-            parted = t0 - max(self.least_s, GRIP_SLACK_S)  # what is left of the step before may be too short
+            # What is left of a movement that the fingers divide may be too short, and part of this one.
+            parted = t0 - max(self.least_s, GRIP_SLACK_S) * (before.segment.kind in {"motion", "transport"})
             gripped = gripped or any(parted < grip.t < step.segment.tn for grip in dividing)
             held = holds(before, known) or holds(step, known)
             quiet = self._lasts(step) and moves and not held and not gripped

@@ -4,6 +4,7 @@
 - A contact becomes Apply Force, its vector scaled to the limit; where the gripper grasps or lets go
   during it, Grasp or Gripper Move takes its place. Sliding applies its force on the way to a target.
 - A transport becomes Transport with the average load of the whole carry, weighted by time; Hold likewise.
+  Where the load changes, each part has its own.
 - A turn in place is a motion, a sliding or a transport, by what the tool touches. Its app carries the axis,
   the advance and the torque that the robot exerts.
 - Rests are left out, and what `segment_interpretation` leaves out; but a turn in a rest is a Cartesian
@@ -23,6 +24,7 @@ from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
 from caesura_protocol.app_force_limit import LEAST_PRESS_N
 from caesura_protocol.app_kinds import AppKind
@@ -60,10 +62,17 @@ LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
 SETTLES_S = 0.15  # after a turn, until the hand is still
 UNCHANGED: Mapping[str, object] = MappingProxyType({})
 HELD_LOOKS = 10  # observations in a row, one second, from which on a weaker force was held on purpose
+VARIED_LOOKS = 20  # observations, two seconds in all, from which on a weaker force is no touch or release
 WEAKER_LOOKS = 1200  # observations of a press at which its forces are compared: two minutes, or evenly spread
+WEIGHED_S = 1.0  # in which a load is weighed well: a shorter step may end with a touch
+CHANGED_KG, CHANGED_SDS = (
+    0.25,
+    4.0,
+)  # from which on a load is another one; two steps of a carry differ by less
 AT_REST: Mapping[str, float] = MappingProxyType(  # a hand that grips at rest sways by less
     {"moved_m_per_s": 0.03, "turned_rad_per_s": math.radians(10.0)}
 )
+LEAN_COSINE = math.cos(math.radians(30.0))  # between two forces, up to which they press in two directions
 STILL_PRESSED = 0.7  # of a force: who presses less is letting go
 
 TURNS_AS: dict[Contact, str] = {"free": "motion", "contact": "sliding", "transport": "transport"}
@@ -278,21 +287,49 @@ class _Group:
         t = next(held, None)
         return None if t is None else _End(t, _where(self.moment_at(t)))
 
-    def weaker(self, step: ProgramSegment, times: Sequence[float], force: Vector) -> float | None:
-        """Return the least force [N] held at times [s]; None unless it is another one than `force`.
+    def felt(self, step: ProgramSegment, times: Sequence[float]) -> NDArray[np.float64]:
+        """Return the known forces (n, 3) [N] of a contact at times [s], `WEAKER_LOOKS` of them at most."""
+        forces = (self.moment_at(t).force for t in times[:: -(-len(times) // WEAKER_LOOKS)])
+        return np.array([np.subtract(one, step.base) for one in forces if one is not None]).reshape(-1, 3)
 
-        It is held where `HELD_LOOKS` observations in a row, without the largest and the least, differ by less
-        than a touch. times: of observations, none in a gap: there the nearest one would count again and
-        again. Of more than `WEAKER_LOOKS`, every second or later one is compared.
+    def aslant(self, step: ProgramSegment, times: Sequence[float], force: Vector) -> Vector | None:
+        """Return the force [N] that the robot would exert as one held in another direction than `force`.
+
+        Of several the one that differs most; None without one. It is held as a weaker one is (`weaker`).
         """
-        moments = (self.moment_at(t).force for t in times[:: -(-len(times) // WEAKER_LOOKS)])
-        newtons = np.array([length(np.subtract(one, step.base)) for one in moments if one is not None])
+        felt = self.felt(step, times)
+        if len(felt) < HELD_LOOKS:
+            return None
+        windows = sliding_window_view(felt, HELD_LOOKS, axis=0)  # (k, 3, looks)
+        levels = np.median(windows, axis=2)
+        off = np.sort(np.linalg.norm(windows - levels[:, :, None], axis=1), axis=1)
+        sizes, apart = np.linalg.norm(levels, axis=1), np.linalg.norm(levels - force, axis=1)
+        leans = levels @ force <= LEAN_COSINE * sizes * length(force)
+        held = (off[:, -2] <= PUSHES_BACK_N) & (sizes >= PUSHES_BACK_N) & (apart >= UNLIKE_N) & leans
+        if not held.any():
+            return None
+        x, y, z = (-levels[np.argmax(np.where(held, apart, 0.0))]).tolist()
+        return x, y, z
+
+    def weaker(self, step: ProgramSegment, times: Sequence[float], force: Vector) -> float | None:
+        """Return a force [N] that was pressed with at times [s], where it is another one than `force`.
+
+        It is the least that was held: `HELD_LOOKS` observations in a row, without the largest and the least,
+        differ by less than a touch. Of a force that varied it is the median of those below `force`, if they
+        last longer than a touch and a release. None without either. times: of observations, none in a gap:
+        there the nearest one would count again and again.
+        """
+        newtons = np.linalg.norm(self.felt(step, times), axis=1)
         if newtons.size < HELD_LOOKS:
             return None
         windows = np.sort(sliding_window_view(newtons, HELD_LOOKS), axis=1)
         steady = (windows[:, -2] - windows[:, 1] <= PUSHES_BACK_N) & (windows[:, 1] >= PUSHES_BACK_N)
-        least = windows[steady, HELD_LOOKS // 2].min(initial=np.inf)
-        return float(least) if least <= length(force) - UNLIKE_N else None
+        least, most_n = windows[steady, HELD_LOOKS // 2].min(initial=np.inf), length(force) - UNLIKE_N
+        if least <= most_n:
+            return float(least)
+        weak = newtons[(newtons >= PUSHES_BACK_N) & (newtons <= most_n)]
+        lasting = weak.size * len(times) >= VARIED_LOOKS * newtons.size
+        return float(np.median(weak)) if lasting else None
 
 
 @dataclass(frozen=True)
@@ -399,6 +436,8 @@ def _press(group: _Group) -> App:
             changes["path"] = group.paths.between(t0, end.t)
         elif group.paths is not None:
             changes["off_straight_m"] = group.paths.off_straight_m(t0, end.t)
+    if "path" not in changes:
+        changes["aslant"] = group.aslant(hardest, times, hardest.force)
     return group.app("apply_force", group.steps, **changes)
 
 
@@ -437,18 +476,36 @@ def _rest(rests: Sequence[ProgramSegment], group: _Group) -> RestForce | None:
 
 
 def _carries(group: _Group) -> Iterable[App]:
-    """Yield one app per step of a carry, all with the average load of the whole carry."""
-    weighed = [step for step in group.steps if step.segment.load_kg is not None]
-    load: dict[str, object] = {}
-    if weighed:
-        load = {
-            "load_kg": average(weighed, "load_kg"),
-            "load_sd_kg": average(weighed, "load_sd_kg"),
-        }
+    """Yield one app per step of a carry, all with its average load, or with that until the load changed."""
     sets_down = _meets(group)
-    for step in group.steps:
-        end = group.touch() if sets_down and step is group.steps[-1] else None
-        yield group.moving("hold" if _holds_still(step, end) else "transport", step, end, load)
+    for steps in _with_one_load(group.steps):
+        weighed = [step for step in steps if step.segment.load_kg is not None]
+        load: dict[str, object] = {}
+        if weighed:
+            load = {
+                "load_kg": average(weighed, "load_kg"),
+                "load_sd_kg": average(weighed, "load_sd_kg"),
+            }
+        for step in steps:
+            end = group.touch() if sets_down and step is group.steps[-1] else None
+            yield group.moving("hold" if _holds_still(step, end) else "transport", step, end, load)
+
+
+def _with_one_load(steps: Sequence[ProgramSegment]) -> list[list[ProgramSegment]]:
+    """Return the steps of a carry, divided where its load changes, as when something is filled in.
+
+    A step that is too short to be weighed well, or whose load is near the average before it, changes nothing.
+    """
+    runs: list[list[ProgramSegment]] = [[]]
+    for step in steps:
+        weighed = [one for one in runs[-1] if one.segment.load_kg is not None]
+        kg, sd_kg = step.segment.load_kg, step.segment.load_sd_kg or 0.0
+        if weighed and kg is not None and step.lasts(WEIGHED_S):
+            off_kg = abs(kg - average(weighed, "load_kg"))
+            if off_kg > max(CHANGED_KG, CHANGED_SDS * math.hypot(sd_kg, average(weighed, "load_sd_kg"))):
+                runs.append([])
+        runs[-1].append(step)
+    return runs
 
 
 def _holds_still(step: ProgramSegment, end: _End | None) -> bool:

@@ -273,7 +273,7 @@ def test_a_value_that_a_document_marks_and_lacks_is_named_without_a_number(field
 @pytest.mark.parametrize(("weaker_n", "warned"), [(None, False), (9.5, False), (6.0, True)])
 def test_a_weaker_force_that_was_held_in_a_press_is_named(weaker_n: float | None, warned: bool):
     touch, pressed, _ = press()
-    said = "was taught with 6.0 N for a second or longer, where it presses with 10.0 N"
+    said = "was taught with 6.0 N for a second or longer in all, where it presses with 10.0 N"
     found = reasons((touch, pressed.model_copy(update={"weaker_n": weaker_n})))
     assert [one for one in found if "was taught with" in one] == (
         [f"{said}: teach each force as a press of its own"] * warned
@@ -299,6 +299,24 @@ def test_fingers_that_acted_in_motion_are_named(speed: float | None, turn: float
     apps = list(pick_and_place())
     apps[4] = apps[4].model_copy(update={"moved_m_per_s": speed, "turned_rad_per_s": turn})
     assert [one for one in reasons(tuple(apps)) if "the fingers acted" in one] == said
+
+
+@pytest.mark.parametrize(("aslant", "leans"), [(None, None), ((8.0, 0.0, -6.0), 53), ((0.0, 9.0, 0.0), 90)])
+def test_a_force_in_another_direction_that_was_held_in_a_press_is_named(
+    aslant: Vector | None, leans: int | None
+):
+    touch, pressed, _ = press()
+    found = reasons((touch, pressed.model_copy(update={"aslant": aslant})))
+    named = [one for one in found if f"for a second or longer that lean by {leans}° from the force" in one]
+    assert len(named) == (aslant is not None)
+
+
+@pytest.mark.parametrize(("load_kg", "named"), [(0.25, False), (0.26, False), (0.8, True)])
+def test_a_load_that_changes_in_the_hand_is_named(load_kg: float, named: bool):
+    apps = list(pick_and_place())
+    apps[3] = apps[3].model_copy(update={"load_kg": load_kg})
+    said = "carries 0.80 kg, and the app before 0.25 kg: what it holds must change as it was taught"
+    assert (said in reasons(tuple(apps))) == named
 
 
 def test_an_orientation_that_was_not_recorded_is_named():

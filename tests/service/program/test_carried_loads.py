@@ -281,3 +281,20 @@ def test_fingers_that_act_at_a_contact_divide_no_movement() -> None:
         grips=(replace(GRASP, t=4.2),),
     )
     assert [(app.kind, app.t0, app.tn) for app in made[1:]] == [("grasp", 2.0, 4.0), ("transport", 4.0, 6.0)]
+
+
+@pytest.mark.parametrize(
+    ("kg", "seconds", "loads"),
+    [(0.3, 2.0, [1.0, 0.3]), (0.9, 2.0, [0.95, 0.95]), (0.3, 0.8, [0.8, 0.8])],
+)
+def test_a_load_that_changes_on_the_way_is_that_of_its_part(
+    kg: float, seconds: float, loads: list[float]
+) -> None:
+    """A cup that was emptied was carried with the mean of full and empty, as if that had been measured."""
+    made = program(
+        segment("transport", 1.0, 3.0, load_kg=1.0, load_sd_kg=0.02, position_end=(0.3, 0.0, 0.3)),
+        segment("transport", 3.0, 3.0 + seconds, load_kg=kg, load_sd_kg=0.02),
+        grips=(GRASP,),
+        at=stopping_at,
+    )
+    assert [app.load_kg for app in made if app.kind == "transport"] == pytest.approx(loads, abs=0.01)

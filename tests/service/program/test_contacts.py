@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -203,26 +205,46 @@ def test_a_press_states_a_weaker_force_that_was_held_in_it(
     assert press.weaker_n == (None if weaker_n is None else pytest.approx(weaker_n))
 
 
-def test_a_force_that_rises_was_held_nowhere() -> None:
-    """A press that grew from 3 to 25 N within three seconds was one of 4 N that was held for a second."""
+@pytest.mark.parametrize(
+    ("push", "weaker_n"),
+    [
+        (lambda t: min(max(5.5 * (t - 2.0), 0.0), 25.0), 11.7),  # it was held for a second at 4 N
+        (lambda t: 20.0 + 5.0 * math.sin(6.0 * t), 16.5),  # nothing was stated
+        (lambda t: 12.0 if 4.0 < t < 4.8 or 6.0 < t < 6.8 else 25.0, None),  # and this was a second
+        (lambda t: 12.0 if t > 4.0 and t % 2.0 < 0.8 else 25.0, 12.0),
+        (lambda t: min(max(30.0 * (t - 2.0), 0.0), 25.0), None),
+    ],
+)
+def test_a_force_that_varies_in_a_press_is_stated_if_it_is_weaker_for_two_seconds(
+    push: Callable[[float], float], weaker_n: float | None
+) -> None:
     made = program(
         segment("motion", 0.0, 2.0),
-        segment("contact", 2.0, 9.0, **held(25.0)),
-        at=lambda t: drifted(t, pushed_n=min(max(5.5 * (t - 2.0), 0.0), 25.0)),
+        segment("contact", 2.0, 12.0, **held(25.0)),
+        at=lambda t: drifted(t, pushed_n=push(t) if t >= 2.0 else 0.0),
     )
     (press,) = (app for app in made if app.force is not None)
-    assert press.weaker_n is None
+    assert press.weaker_n == (None if weaker_n is None else pytest.approx(weaker_n, abs=0.3))
 
 
-def test_half_seconds_of_a_weaker_force_are_no_second() -> None:
-    """Four touches of 0.8 s each were a force that was held for a second."""
+@pytest.mark.parametrize(
+    ("aside", "seconds", "aslant"),
+    [(20.0, 2.0, True), (20.0, 0.8, False), (4.0, 2.0, False), (-20.0, 2.0, True)],
+)
+def test_a_force_that_was_held_in_another_direction_is_stated(
+    aside: float, seconds: float, aslant: bool
+) -> None:
+    """A press down and then to the side was one press to the side, and nothing said so."""
 
-    def pressed(t: float) -> Moment:
-        return drifted(t, pushed_n=0.0 if t < 2.0 else 12.0 if t > 4.0 and (t % 2.0) < 0.8 else 25.0)
+    def at(t: float) -> Moment:
+        pushed = drifted(t, pushed_n=15.0 if t >= 2.0 else 0.0)
+        x, y, z = pushed.force or (0.0, 0.0, 0.0)
+        return replace(pushed, force=(x + (aside if 4.0 <= t < 4.0 + seconds else 0.0), y, z))
 
-    made = program(segment("motion", 0.0, 2.0), segment("contact", 2.0, 12.0, **held(25.0)), at=pressed)
+    made = program(segment("motion", 0.0, 2.0), segment("contact", 2.0, 9.0, **held(15.0)), at=at)
     (press,) = (app for app in made if app.force is not None)
-    assert press.weaker_n is None
+    expected = pytest.approx((-aside, 0.0, press.force[2]), abs=0.5)
+    assert press.aslant == (expected if aslant else None)
 
 
 def test_a_press_of_an_hour_is_compared_at_a_bounded_number_of_times() -> None:

@@ -10,6 +10,7 @@ demonstration at that time, and the app before it the pose of the robot.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -90,6 +91,7 @@ def fidelity_findings(
             *_path_deviation(app),
             *pauses,
             *missed,
+            *_changed_load(app, carried),
             *_lost_motion(app),
             *_lost_press(app, carried, up),
             *_force_limits(app),
@@ -267,10 +269,19 @@ def _force_limits(app: App) -> Iterator[Reason]:
     exerted = 0.0 if app.force is None else math.hypot(*app.force)
     if app.weaker_n is not None and exerted > app.weaker_n * (1.0 + UNEVEN_SHARE):
         reason = (
-            f"was taught with {fixed(app.weaker_n, 1)} N for a second or longer, where it presses with "
-            f"{fixed(exerted, 1)} N: teach each force as a press of its own"
+            f"was taught with {fixed(app.weaker_n, 1)} N for a second or longer in all, where it presses "
+            f"with {fixed(exerted, 1)} N: teach each force as a press of its own"
         )
         yield reason, exerted, app.weaker_n
+    if app.aslant is not None and app.force is not None and exerted > 0.0:
+        held = math.hypot(*app.aslant)
+        cosine = sum(map(operator.mul, app.aslant, app.force)) / (held * exerted)
+        leans = math.degrees(math.acos(min(max(cosine, -1.0), 1.0)))
+        reason = (
+            f"was taught with {fixed(held, 1)} N for a second or longer that lean by {fixed(leans, 0)}° from "
+            "the force with which it presses: teach each force as a press of its own"
+        )
+        yield reason, held, exerted
     if APP_KINDS[app.kind].presses and app.screw is not None and app.screw.torque is None:
         degrees = math.degrees(app.screw.angle)
         reason = f"turns by {fixed(degrees, 0)}° in contact, with a torque that was not measured"
@@ -283,6 +294,21 @@ def _force_limits(app: App) -> Iterator[Reason]:
             app.load_kg,
             least,
         )
+
+
+def _changed_load(app: App, carried: App | None) -> Iterator[Reason]:
+    """Yield a finding on a load that changed in the hand: the robot is told the new one from this app on.
+
+    carried: the app before, if it carries.
+    """
+    if carried is None or not APP_KINDS[app.kind].carries or app.load_kg is None or carried.load_kg is None:
+        return
+    if abs(app.load_kg - carried.load_kg) > SURE_SDS * math.hypot(
+        app.load_sd_kg or 0.0, carried.load_sd_kg or 0.0
+    ):
+        was, now = fixed(carried.load_kg, 2), fixed(app.load_kg, 2)
+        reason = f"carries {now} kg, and the app before {was} kg: what it holds must change as it was taught"
+        yield reason, app.load_kg, carried.load_kg
 
 
 def _lost_motion(app: App) -> Iterator[Reason]:

@@ -27,6 +27,7 @@ NUMBERS = (
     "load_sd_kg",
     "gripper_width",
     "weaker_n",
+    "aslant",
     "moved_m_per_s",
     "turned_rad_per_s",
     "confidence",
@@ -38,6 +39,7 @@ WIDTHS = {
     "joints": range(1, JOINTS_MOST + 1),
     "force": (3,),
     "force_taught": (3,),
+    "aslant": (3,),
 }
 NUMBERS_OF_PATH = ("end_velocity", "end_angular_velocity", "length_m", "deviation_m", "deviation_rad")
 WIDTHS_OF_PATH = {

@@ -585,11 +585,9 @@ def _grip_app(
 
 def _in_motion(t: float, paths: Paths | None) -> dict[str, float]:
     """Return the speeds of the flange at a time [s] at which the fingers acted; none where it rested."""
-    if paths is None or t > paths.settled_until:
-        return {}
-    passing = paths.passing_at(t)
-    speeds = {"moved_m_per_s": length(passing[:3]), "turned_rad_per_s": length(passing[3:])}
-    return {name: speed for name, speed in speeds.items() if speed > AT_REST[name]}  # nan where not known
+    speeds = None if paths is None else paths.speeds_at(t)
+    named = zip(AT_REST.items(), speeds or (), strict=False)
+    return {name: speed for (name, most), speed in named if speed > most}
 
 
 def _forces(on_robot: Vector, limit_n: float | None) -> dict[str, object]:

@@ -50,6 +50,7 @@ class Paths:
     tolerance_rad: float = TOLERANCE_RAD
     settled_until: float = np.inf
     _kept: dict[tuple[float, float, bool, bool], AppPath] = field(default_factory=dict)
+    _speeds: dict[float, tuple[float, float]] = field(default_factory=dict)
 
     def between(
         self, t0: float, tn: float, *, begins_moving: bool = False, ends_moving: bool = False
@@ -65,9 +66,9 @@ class Paths:
             t, poses = self.poses_between(t0, tn)
             passing = np.full((len(t), 6), np.nan)
             if begins_moving:
-                passing[0] = self.passing_at(float(t[0]))
+                passing[0] = self._passing_at(float(t[0]))
             if ends_moving:
-                passing[-1] = self.passing_at(float(t[-1]))
+                passing[-1] = self._passing_at(float(t[-1]))
             found = self._kept[key] = self._made(t, poses, passing)
             if len(self._kept) > MOST_KEPT:
                 del self._kept[next(iter(self._kept))]
@@ -101,11 +102,26 @@ class Paths:
         ends = len(t) - int(np.argmax(to_end[::-1] > self.tolerance_rad))
         return float(t[max(begins, 0)]), float(t[min(ends, len(t) - 1)])
 
-    def passing_at(self, t: float) -> Array:
-        """Return the velocity [m/s] and angular velocity [rad/s] (6,) at the observation nearest to t [s].
+    def speeds_at(self, t: float) -> tuple[float, float] | None:
+        """Return the speed [m/s] and the rate of turn [rad/s] at the observation nearest to a time [s].
 
-        nan without both neighbours; the angular velocity also without orientations.
+        None without both neighbours of it; the rate is 0 without orientations. Found once for each time.
         """
+        if t in self._speeds or t > self.settled_until:
+            return self._speeds.get(t)
+        times, poses = self.poses_between(t - OBSERVED_S, t + OBSERVED_S)
+        if len(times) != 3 or times[2] - times[0] > 2.5 * OBSERVED_S:
+            return None
+        seconds = float(times[2] - times[0])
+        turned = float(angles(poses[:1, 3:], poses[2, 3:])[0]) if poses.shape[1] == 7 else 0.0
+        speeds = math.dist(poses[0, :3], poses[2, :3]) / seconds, turned / seconds
+        self._speeds[t] = speeds
+        if len(self._speeds) > MOST_KEPT:
+            del self._speeds[next(iter(self._speeds))]
+        return speeds
+
+    def _passing_at(self, t: float) -> Array:
+        """Velocity [m/s] and angular velocity [rad/s] (6,) at an observation; nan without both neighbours."""
         times, poses = self.poses_between(t - OBSERVED_S, t + OBSERVED_S)
         passing = np.full(6, np.nan)
         if len(times) == 3 and times[2] - times[0] < 2.5 * OBSERVED_S:

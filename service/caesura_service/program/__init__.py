@@ -21,6 +21,7 @@ from caesura_service.program.program_segment import (
     holds,
 )
 from caesura_service.program.program_with_edits import at_edit, check_applies, with_edits
+from caesura_service.program.segment_interpretation import kept_steps
 
 __all__ = [
     "BEGINS_MOVING",
@@ -41,6 +42,7 @@ __all__ = [
     "check_applies",
     "holds",
     "is_end_of_movement",
+    "kept_steps",
     "left_out_note",
     "log_of",
     "may_end_movement",

@@ -3,12 +3,12 @@
 A quiet place is a settled segment whose apps do not depend on earlier segments, and at whose start the
 gripper does nothing. The fingers do not act in it, or shortly before, except near a contact: it would be
 divided there. It is a motion that does not continue an earlier one, and does not follow a contact by two
-segments. Neither it nor the segment before it is part of a carry. With the motions into which it continues it
-is too long for the end of another motion. No contact follows it into which it may press something. The
-program is then that of the segments before it, followed by that of the segments from it on. If there is no
-quiet place in MOST_UNQUIET segments, the apps are divided at the last of them without contact. A gap that
-affects earlier segments is known by then: a gap ends where a segment begins, and the quiet place is a
-segment.
+segments. It is not part of a carry, nor is what the one before carries pushed back. With the motions into
+which it continues it is too long for the end of another motion. No contact follows it into which it may press
+something. The program is then that of the segments before it, followed by that of the segments from it on. If
+there is no quiet place in MOST_UNQUIET segments, the apps are divided at the last of them without contact. A
+gap that affects earlier segments is known by then: a gap ends where a segment begins, and the quiet place is
+a segment.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from caesura_service.program import (
     away_from_contacts,
     holds,
     is_end_of_movement,
+    kept_steps,
     may_end_movement,
     may_press_in,
     task_program,
@@ -151,15 +152,24 @@ class IncrementalProgramBuilder:
             # What is left of a movement that the fingers divide may be too short, and part of this one.
             parted = t0 - max(self.least_s, GRIP_SLACK_S) * (before.segment.kind in {"motion", "transport"})
             gripped = gripped or any(parted < grip.t < step.segment.tn for grip in dividing)
-            held = holds(before, known) or holds(step, known)
-            quiet = self._lasts(step) and moves and not held and not gripped
+            quiet = self._lasts(step) and moves and not holds(step, known) and not gripped
             quiet = quiet and (before.segment.motion == "steady" or is_end_of_movement(t0, self._moment))
+            quiet = quiet and not (
+                holds(before, known) and self._touches(before, steps[begin : i + 1], known)
+            )
             if quiet and not self._may_end_movement(steps[i:settled]):
                 return i
         if last < begin + MOST_UNQUIET:
             return 0
         apart = (i for i in range(last, begin, -1) if not steps[i].touches and self._lasts(steps[i - 1]))
         return next(apart, last)
+
+    def _touches(
+        self, carry: ProgramSegment, steps: Sequence[ProgramSegment], known: Sequence[GripperAction]
+    ) -> bool:
+        """Return whether a carry among steps is interpreted as a contact: what it holds is pushed back."""
+        kept = kept_steps(steps, known, self._moment, self.least_s, self.up)
+        return any(one.touches and any(part.index == carry.index for part in one.parts) for one in kept)
 
     def _may_end_movement(self, steps: Sequence[ProgramSegment]) -> bool:
         """Return whether a movement is so short that it may be the end of the one before.

@@ -297,7 +297,7 @@ def _force_limits(app: App) -> Iterator[Reason]:
 
 
 def _changed_load(app: App, carried: App | None) -> Iterator[Reason]:
-    """Yield a finding on a load that changed in the hand: the robot is told the new one from this app on.
+    """Yield a finding on a load that changed in the hand: the robot is given the new one from this app on.
 
     carried: the app before, if it carries.
     """

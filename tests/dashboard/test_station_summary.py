@@ -68,6 +68,13 @@ def test_a_station_that_is_taught_says_what_it_is_doing(world):
     assert (one.state, one.why, one.kind, one.segments) == ("teaching", "", "contact", 2)
 
 
+def test_a_demonstration_that_is_over_has_no_current_segment(world, update):
+    ((key, taught),) = world.updates.items()
+    status = taught.status.model_copy(update={"state": "closed"})
+    one = seen(replace(world, updates={key: replace(taught, status=status)}))
+    assert (one.state, one.kind, one.probability, one.segments) == ("done", "", None, 2)
+
+
 def test_a_demonstration_that_the_service_cannot_store_is_stale_at_once(world):
     # The page said "teaching", and the list "none in trouble", until the bridge's ring was full.
     status, trouble = example(ServiceStatus), "journal j.sqlite cannot be written, there is no room left"

@@ -101,7 +101,7 @@ class StationSummary:
     task: str  # its name; empty without one
     t: float  # [s] of the session
     age_s: float | None  # of the newest sample; None: none came
-    kind: str  # of the current segment
+    kind: str  # of the current segment; empty where none is, as after the end
     probability: float | None
     segments: int
     apps: int
@@ -144,7 +144,7 @@ def glance(
         why = status.problem or ""
     if state == "teaching" and (both := world.parallel.get(station)):
         why = f"{in_words(station, both)}: {REMEDY}"
-    last = update.segments[-1] if update and update.segments else None
+    last = update.segments[-1] if update and update.segments and not update.closed else None
     newest = update.segments[-SHOWN_SEGMENTS:] if update else ()
     return StationSummary(
         station=station,

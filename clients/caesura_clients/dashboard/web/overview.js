@@ -15,7 +15,7 @@ export default {
           <p class="why" v-if="one.why">{{ one.why }}{{ one.state === "stale" ? ": what is shown is old" : "" }}</p>
           <p class="now"><template v-if="one.kind"><i class="swatch" :class="'kind-' + one.kind"></i>
             <strong>{{ one.kind }}</strong> {{ percent(one.probability) }}</template>
-            <template v-else>no segment yet</template></p>
+            <template v-else>{{ one.segments ? "last demonstration" : "no segment yet" }}</template></p>
           <div class="strip" aria-hidden="true"><i v-for="(row, i) in one.kinds" :key="i" :class="'kind-' + row[2]"
             :style="{ flexGrow: Math.max(row[1] - row[0], 0.05), opacity: 0.35 + 0.65 * row[3] }"></i></div>
           <dl>

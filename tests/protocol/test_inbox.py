@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 import random
+import threading
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from queue import SimpleQueue
+
+import pytest
 
 from caesura_protocol.transport.inbox import LANES, Inbox, ReceivedSample, TokenChange
+
+
+DEADLINE_S = 10.0
 
 
 class Clock:
@@ -119,6 +127,75 @@ def test_a_token_of_a_station_is_not_lost_to_the_samples_of_another():
     for number in range(100):
         inbox.offer(sample("flood", number))
     assert token in iter(lambda: inbox.get(0.0), None)
+
+
+def backlog(capacity_bytes: int) -> Inbox:
+    """A queue that is half full: eight messages of each of seven stations, and a token."""
+    inbox = Inbox(capacity_bytes=capacity_bytes)
+    for number in range(8):
+        for cell in range(7):
+            inbox.offer(sample(f"cell-{cell}", number, 60))
+    inbox.offer(TokenChange("caesura/v1/station/cell-9/alive", alive=False))
+    return inbox
+
+
+@pytest.mark.parametrize("size", [9_900, 10_000, 1_000_000])
+def test_one_huge_message_costs_other_stations_nothing(size: int):
+    inbox = backlog(10_000)
+    inbox.offer(sample("flood", 0, size))
+    assert (len(inbox), inbox.dropped) == (57, 1)
+    assert "flood" not in stations_of(inbox)
+    inbox.offer(sample("flood", 1, size))
+    assert stations_of(inbox) == ["flood"]  # alone it may be of any size
+
+
+def test_a_message_of_a_new_station_has_room_among_many_shorter_ones():
+    inbox = Inbox(capacity=100)
+    for number in range(100):
+        inbox.offer(sample(f"s{number}"))
+    inbox.offer(sample("cell-1", 0, 1000))
+    assert "cell-1" in stations_of(inbox)
+
+
+def test_names_of_which_everything_was_dropped_take_no_memory_and_no_share():
+    inbox = Inbox(capacity=1000, capacity_bytes=100_000)
+    for number in range(5 * LANES):
+        inbox.offer(sample(f"s{number}", 0, 60_000))  # in the place of the one before
+    assert len(inbox._turns) <= 2 * LANES
+    for number in range(1000):
+        inbox.offer(sample("flood", number))
+    for number in range(400):
+        inbox.offer(sample("cell-1", number))
+    assert Counter(stations_of(inbox))["cell-1"] == 400
+
+
+def test_a_second_consumer_waits_for_the_messages_of_the_station_that_is_served():
+    looks, goes_on = threading.Semaphore(0), threading.Event()
+
+    def clock() -> float:
+        looks.release()  # a consumer that has the queue's lock until it waits
+        return 0.0
+
+    inbox, taken = Inbox(clock=clock), SimpleQueue[str]()
+
+    def consume() -> None:
+        item = inbox.get(DEADLINE_S)
+        assert isinstance(item, ReceivedSample)
+        taken.put(item.encoding)
+        goes_on.wait(DEADLINE_S)
+
+    with ThreadPoolExecutor(2) as pool:
+        consumers = [pool.submit(consume) for _ in range(2)]
+        try:
+            assert all(looks.acquire(timeout=DEADLINE_S) for _ in consumers)
+            inbox.offer(sample("cell-1", 1))
+            assert taken.get(timeout=DEADLINE_S) == "1"
+            inbox.offer(sample("cell-1", 2))  # while the first consumer works
+            assert taken.get(timeout=DEADLINE_S) == "2"
+        finally:
+            goes_on.set()
+        for one in consumers:
+            one.result()
 
 
 def test_names_that_come_and_go_take_no_memory():

@@ -4,8 +4,9 @@ Rule 1: a callback that receives from the network only enqueues; work happens in
 A slow callback inside the network library delays every other subscriber of the process.
 
 Rule 2: an inbox holds `capacity` items and `capacity_bytes` of payloads. When it is full, a station that
-holds an equal share or more loses its oldest item, and other stations lose nothing to it. Drops are counted:
-readers of results detect the gap by sequence numbers, and a dropped query is refused as `overloaded`.
+holds an equal share or more loses its oldest item, and other stations lose nothing to it. An item for
+which there are too few bytes, and which has more than any other station holds, is dropped itself. Drops are
+counted: readers of results detect the gap by sequence numbers, and a dropped query is refused as `overloaded`.
 
 Rule 3: stations take turns by time (start-time fair queueing, Goyal, Vin & Cheng 1996). The time from one
 `get` to the next is added to the virtual time of the lane that was served, and the lane with the least is
@@ -19,7 +20,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from heapq import heappop, heappush
+from heapq import heapify, heappop, heappush
 from itertools import count
 from types import TracebackType
 from typing import NamedTuple, Protocol, Self
@@ -30,7 +31,7 @@ from caesura_protocol.keys import ROOT
 
 DEFAULT_CAPACITY = 4096
 CAPACITY_BYTES = 1 << 26  # of payloads; one item may always stay
-LANES = 1024  # whose times are kept at most while they are empty
+LANES = 1024  # at which the empty ones are evicted, or twice as many as have items
 
 
 class ReceivedSample(NamedTuple):
@@ -120,6 +121,8 @@ class Inbox:
         self._served: _StationItems | None = None
         self._served_s = self._virtual_s = 0.0
         self._count = self._bytes = 0
+        self._holding = 0  # lanes with items
+        self._evict_at = LANES  # lanes
         self._changed = threading.Condition()
 
     def offer(self, item: Item) -> None:
@@ -132,10 +135,11 @@ class Inbox:
         with self._changed:
             name = _lane_of(item.key)
             lane = self._lanes.get(name) or self._new_lane(name)
-            while self._count and (self._count >= self.capacity or self._bytes + size > self.capacity_bytes):
-                dropped.append(self._pop(self._fullest(lane)))
+            self._holding += not lane.items
             lane.items.append(item)
             self._account(lane, 1, size)
+            while self._count > 1 and (self._count > self.capacity or self._bytes > self.capacity_bytes):
+                dropped.append(self._pop(self._fullest(lane)))
             self.dropped += len(dropped)
             self._queue(lane)
             self._changed.notify()
@@ -153,6 +157,7 @@ class Inbox:
                 if remaining <= 0.0:
                     return None
                 self._changed.wait(remaining)
+            self._end_turn(self._clock())  # of another thread, meanwhile
             lane = self._next_lane()
             self._served, self._served_s = lane, self._clock()
             return self._pop(lane)
@@ -184,16 +189,20 @@ class Inbox:
                 return lane
 
     def _fullest(self, lane: _StationItems) -> _StationItems:
-        """Return the lane itself if it holds an equal share or more, else the one that holds most."""
-        holding = max(1, len(self._turns) + (self._served is not None))
-        if lane.items and lane.share * holding >= self._share_of(self._count, self._bytes):
+        """Return the lane itself if it holds an equal share or more, else the one that holds most.
+
+        A single item of it is dropped only if it has more bytes than fit beside others, and no lane holds more.
+        """
+        if len(lane.items) > 1 and lane.share * self._holding >= self._share_of(self._count, self._bytes):
             return lane
-        return max(self._lanes.values(), key=lambda one: one.share)
+        own = lane.share if self._bytes > self.capacity_bytes else 0.0
+        return max(self._lanes.values(), key=lambda one: own if one is lane else one.share)
 
     def _pop(self, lane: _StationItems) -> Item:
         item = lane.items.popleft()
         self._account(lane, -1, -_size(item))
         if not lane.items:
+            self._holding -= 1
             lane.share = 0.0  # without the errors of many sums
         return item
 
@@ -206,10 +215,12 @@ class Inbox:
         return items / self.capacity + size / self.capacity_bytes
 
     def _new_lane(self, name: str) -> _StationItems:
-        """Make a lane; beyond LANES empty ones are evicted."""
-        if len(self._lanes) >= LANES:
+        """Make a lane; evict the empty ones if there are too many, and their turns."""
+        if len(self._lanes) >= self._evict_at:
             kept = {key: one for key, one in self._lanes.items() if one.items or one is self._served}
-            self._lanes = kept
+            self._lanes, self._evict_at = kept, max(LANES, 2 * len(kept))
+            self._turns = [turn for turn in self._turns if turn[2].items]
+            heapify(self._turns)
         lane = self._lanes[name] = _StationItems()
         return lane
 

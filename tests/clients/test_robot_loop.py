@@ -184,6 +184,15 @@ def test_the_threads_of_a_bridge_have_a_priority_just_below_that_of_the_loop(
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="threads have no priorities of their own")
+def test_a_priority_that_children_of_the_loop_do_not_inherit_is_one(memory, monkeypatch):
+    """RealtimeKit gives no other."""
+    policy = os.SCHED_RR | os.SCHED_RESET_ON_FORK
+    scheduling = Scheduling(monkeypatch, policy, 10)
+    threads = sent_with(memory)
+    assert scheduling.of == {0: (policy, 10), **dict.fromkeys(threads, (policy, 9))}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="threads have no priorities of their own")
 def test_the_threads_of_a_bridge_keep_their_priority_where_the_loop_has_none(memory, monkeypatch):
     scheduling = Scheduling(monkeypatch, os.SCHED_OTHER, 0)
     assert sent_with(memory)
@@ -206,3 +215,20 @@ def test_no_thread_takes_the_lock_of_the_robots_loop_before_samples_have_waited(
             flushing.start()
             flushing.join(DEADLINE_S)
             assert not flushing.is_alive()
+
+
+def test_what_is_pushed_while_a_bridge_finishes_has_a_number(memory):
+    """The age of samples that came after the look at the clock was below 0: they were not flushed."""
+    with FakeService(memory.transport()), Bridge(memory.transport(), "cell-1", LiveSource()) as bridge:
+        sender, clock = bridge._sender, bridge._sender._clock
+        sender.flush()
+        before = sender.last_seq
+
+        def clock_of_a_thread_that_is_overtaken():
+            now, sender._clock = clock(), clock
+            sender.push(samples(1))
+            return now
+
+        sender._clock = clock_of_a_thread_that_is_overtaken
+        sender.flush()
+        assert sender.last_seq == before + 1

@@ -77,7 +77,7 @@ class BatchSender:
 
         Before that it takes no lock, for which the robot's thread could wait.
         """
-        if self._clock() - self._pending_since < older_than_s:
+        if self._pending_since + older_than_s > self._clock():
             return
         with self._numbering:
             if self._clock() - self._pending_since >= older_than_s:

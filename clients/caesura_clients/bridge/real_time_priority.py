@@ -24,7 +24,7 @@ def share_priority(threads: Iterable[threading.Thread]) -> None:
     if sys.platform != "linux":
         return
     policy = os.sched_getscheduler(0)
-    if policy not in {os.SCHED_FIFO, os.SCHED_RR}:
+    if policy & ~os.SCHED_RESET_ON_FORK not in {os.SCHED_FIFO, os.SCHED_RR}:
         return
     priority = max(1, os.sched_getparam(0).sched_priority - 1)
     for thread in threads:

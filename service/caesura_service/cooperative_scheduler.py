@@ -103,6 +103,7 @@ class Slices:
         stacks = [*self._under_way.values(), *self._idle]
         self._under_way, self._idle = {}, []
         for stack in stacks:
+            stack.parent = getcurrent()
             stack.throw(GreenletExit)
 
     def _do(self, name: str, stack: _Stack, slice_s: float) -> bool:

@@ -82,6 +82,13 @@ class TakeoversInTurns:
         if (work := self._under_way.pop(station, None)) is not None:
             work.close()
 
+    def stop(self) -> None:
+        """Abandon all takeovers, also within a record; in the thread that does the work."""
+        self.slices.stop()
+        for work in self._under_way.values():
+            work.close()
+        self._under_way, self._took_s, self._outputs = {}, {}, {}
+
     def complete(self, most_s: float = inf) -> list[TakeoverFailed]:
         """Continue all for most_s at most; return the sessions that could not be taken over.
 

@@ -166,6 +166,10 @@ class StationManager:
         self._update_settling()
         return outputs
 
+    def stop(self) -> None:
+        """Abandon the takeovers in progress."""
+        self._takeovers.stop()
+
     def _begin_takeover(self, station: str, now: float, *, renew: bool) -> None:
         self._renews[station] = renew
         self._takeovers.begin(station, self._registry.take_over(station, now, renew=renew))

@@ -106,6 +106,7 @@ class Worker(BackgroundThread):
                 due = now + TICK_S
                 self._run_guarded(self._emit_step, self._registry.tick, now)
         self._registry.slices.stop()
+        self._station_manager.stop()
 
     def _schedule_chores(self, *, takes_over: bool) -> None:
         """Enqueue takeovers and the rebuilds of each station like arrivals."""

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from time import perf_counter
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
-from caesura_service.cooperative_scheduler import SLICE_S, give_way
+from caesura_service.cooperative_scheduler import SLICE_S, Slices, give_way
 from caesura_service.ownership.takeovers_in_turns import TakeoversInTurns
+from caesura_service.server.station_manager import StationManager
+from caesura_service.server.worker import Worker
 
 
 class Clock:
@@ -168,3 +172,20 @@ def test_all_are_completed_at_once_also_one_that_is_within_a_record():
     turns.step("long")
     assert turns.complete() == []
     assert (log.count("long"), log.count("short"), bool(turns)) == (2, 3, False)
+
+
+def test_a_service_that_ends_within_a_record_abandons_it():
+    """What a record had open stayed open: its stack belonged to a thread that had ended."""
+    turns, slices, log = TakeoversInTurns(), Slices(), []
+    turns.begin("long", slow_takeover(log, "long", 1, LONG_S))
+    turns.begin("next", slow_takeover(log, "next", 2))
+    turns.step("next")
+    assert slices.begin("/taking", lambda: turns.step("long"))  # as the worker runs it
+    manager = StationManager(cast("Any", None), "i1", lambda _: None, perf_counter)
+    manager._takeovers = turns
+    registry, queue = SimpleNamespace(slices=slices), SimpleNamespace(wake=lambda: None)
+    unused: Any = None
+    worker = Worker(cast("Any", registry), manager, cast("Any", queue), unused, unused, perf_counter)
+    worker._stopped.set()
+    worker._run()
+    assert (log, bool(turns)) == (["next", "long ends", "next ends"], False)

@@ -179,7 +179,8 @@ class SessionPage:
         if (program is not known or how != self._timeline_how) and not self._is_building:
             self._is_building = True
             background_tasks.create(self._build(program, how))
-        if not self._shown:
+        if self._shown.get("session") != program.session:
+            self._program.forget()  # that of the session before
             return
         is_edited = self._program_desk is not None
         parts = (

@@ -205,3 +205,25 @@ def test_names_that_come_and_go_take_no_memory():
         inbox.get(0.0)
     assert len(inbox._lanes) <= LANES + 1
     assert len(inbox._turns) <= 1
+
+
+def test_whatever_comes_no_message_is_forgotten_and_a_station_keeps_its_order():
+    made = random.Random(3)
+    for _ in range(300):
+        clock = Clock()
+        inbox = Inbox(made.choice((1, 2, 3, 10, 40)), made.choice((1, 300, 2000, 10**6)), clock=clock)
+        stations = [f"s{number}" for number in range(made.choice((1, 2, 5, 30)))]
+        newest, read, sent = Counter[str](), 0, 0
+        while sent < 100:
+            if made.random() < 0.6:
+                sent += 1
+                inbox.offer(sample(made.choice(stations), sent, made.choice((0, 10, 100, 900, 5000))))
+            elif (item := inbox.get(0.0)) is not None:
+                assert isinstance(item, ReceivedSample)
+                assert int(item.encoding) > newest[item.key]
+                newest[item.key], read = int(item.encoding), read + 1
+                clock.now += made.choice((0.0, 0.1, 5.0))
+            else:
+                assert not len(inbox)
+        assert sent == read + len(inbox) + inbox.dropped
+        assert len(stations_of(inbox)) == sent - read - inbox.dropped

@@ -193,9 +193,10 @@ class Inbox:
 
         A single item of it is dropped only if it has more bytes than fit beside others, and no lane holds more.
         """
-        if len(lane.items) > 1 and lane.share * self._holding >= self._share_of(self._count, self._bytes):
+        is_single = len(lane.items) == 1
+        if not is_single and lane.share * self._holding >= self._share_of(self._count, self._bytes):
             return lane
-        own = lane.share if self._bytes > self.capacity_bytes else 0.0
+        own = 0.0 if is_single and self._bytes <= self.capacity_bytes else lane.share
         return max(self._lanes.values(), key=lambda one: own if one is lane else one.share)
 
     def _pop(self, lane: _StationItems) -> Item:

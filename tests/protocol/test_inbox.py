@@ -12,7 +12,6 @@ import pytest
 
 from caesura_protocol.transport.inbox import LANES, Inbox, ReceivedSample, TokenChange
 
-
 DEADLINE_S = 10.0
 
 

@@ -5,8 +5,9 @@ A slow callback inside the network library delays every other subscriber of the 
 
 Rule 2: an inbox holds `capacity` items and `capacity_bytes` of payloads. When it is full, a station that
 holds an equal share or more loses its oldest item, and other stations lose nothing to it. An item for
-which there are too few bytes, and which has more than any other station holds, is dropped itself. Drops are
-counted: readers of results detect the gap by sequence numbers, and a dropped query is refused as `overloaded`.
+which there are too few bytes, and which has more than any other station holds, is dropped itself. Drops
+are counted: readers of results detect the gap by sequence numbers, and a dropped query is refused as
+`overloaded`.
 
 Rule 3: stations take turns by time (start-time fair queueing, Goyal, Vin & Cheng 1996). The time from one
 `get` to the next is added to the virtual time of the lane that was served, and the lane with the least is
@@ -191,7 +192,7 @@ class Inbox:
     def _fullest(self, lane: _StationItems) -> _StationItems:
         """Return the lane itself if it holds an equal share or more, else the one that holds most.
 
-        A single item of it is dropped only if it has more bytes than fit beside others, and no lane holds more.
+        A single item of it is dropped only if its bytes have no room, and no lane holds more.
         """
         is_single = len(lane.items) == 1
         if not is_single and lane.share * self._holding >= self._share_of(self._count, self._bytes):

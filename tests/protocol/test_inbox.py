@@ -72,6 +72,24 @@ def test_stations_take_turns_by_the_time_of_the_work_on_their_messages():
     assert sum(waited) <= 200 * cost["cheap"] + 2 * cost["costly"]  # half of the time each
 
 
+def test_a_reader_that_was_suspended_goes_on_with_the_station_that_it_read():
+    """It read others alone for as long as it had been suspended, where one of them floods it."""
+    clock = Clock()
+    inbox = Inbox(clock=clock)
+    for number in range(3):
+        inbox.offer(sample("cell-1", number))
+    inbox.get(0.0)
+    clock.now += 60.0
+    read = []
+    for number in range(100):
+        inbox.offer(sample("flood", number))
+        item = inbox.get(0.0)
+        assert item is not None
+        read.append(item.key)
+        clock.now += 0.05
+    assert sum("cell-1" in key for key in read) == 2
+
+
 def test_a_station_without_messages_earns_no_credit():
     clock = Clock()
     inbox = Inbox(clock=clock)

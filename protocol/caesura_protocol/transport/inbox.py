@@ -11,8 +11,9 @@ are counted: readers of results detect the gap by sequence numbers, and a droppe
 
 Rule 3: stations take turns by time (start-time fair queueing, Goyal, Vin & Cheng 1996). The time from one
 `get` to the next is added to the virtual time of the lane that was served, and the lane with the least is
-next. An empty lane restarts at the virtual time of the lane in service, so idle time earns no credit. Items
-of one station keep their order. Keys of another system, such as those of ROS 2, have one lane together.
+next. An empty lane restarts at the virtual time of the lane in service, so idle time earns no credit. A longer
+turn counts as MOST_TURN_S: a reader that is suspended is no station's work. Items of one station keep their
+order. Keys of another system, such as those of ROS 2, have one lane together.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from caesura_protocol.keys import ROOT
 
 DEFAULT_CAPACITY = 4096
 CAPACITY_BYTES = 1 << 26  # of payloads; one item may always stay
+MOST_TURN_S = 1.0  # [s] that one item may add to the time of its lane
 LANES = 1024  # at which the empty ones are evicted, or twice as many as have items
 
 
@@ -172,7 +174,7 @@ class Inbox:
         """Add the time of the work on the last item to its lane, and queue the lane again."""
         lane, self._served = self._served, None
         if lane is not None:
-            lane.due += now - self._served_s
+            lane.due += min(now - self._served_s, MOST_TURN_S)
             self._queue(lane)
 
     def _queue(self, lane: _StationItems) -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from nicegui import core
+from nicegui import core, run
 
 from caesura_clients.dashboard.nicegui_elements import ProgramTimeline
 from caesura_clients.dashboard.pages.session import SessionPage
@@ -16,6 +17,8 @@ from caesura_protocol.messages import Program
 from caesura_protocol.session_time_display import NO_OFFSET
 from clients.examples import snapshot
 from dashboard.conftest import ran
+
+DEADLINE_S = 10.0
 
 
 class Element(ProgramTimeline):
@@ -77,3 +80,21 @@ def test_a_new_session_never_shows_the_program_of_the_one_before(
 
     received = [[one.get("session", "none") for one in part] for part in ran(follow())]
     assert received == [[first.session], ["none", "s2"], [first.session]]
+
+
+def test_a_program_is_shown_while_many_wait_for_a_service(monkeypatch: pytest.MonkeyPatch):
+    program, answered = snapshot(0).program, threading.Event()
+
+    async def follow() -> list[dict[str, Any]]:
+        monkeypatch.setattr(core, "loop", asyncio.get_running_loop())
+        async with asyncio.timeout(DEADLINE_S):
+            return await shown(a_page(), program)
+
+    waiting = [run.thread_pool.submit(answered.wait, 2 * DEADLINE_S) for _ in range(100)]
+    try:
+        received = ran(follow())
+    finally:
+        answered.set()
+        for one in waiting:
+            one.result()
+    assert [one["session"] for one in received] == [program.session]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from nicegui import background_tasks, run, ui
@@ -45,6 +47,7 @@ ONLY_READ = (
     "and cannot be changed."
 )
 GONE = "The service no longer holds this session, and it cannot be changed."
+BUILDERS = ThreadPoolExecutor(2, "program")  # those of `run.io_bound` may all wait for a service
 
 
 class SessionPage:
@@ -191,12 +194,12 @@ class SessionPage:
 
     async def _build(self, program: wire.Program, how: tuple[SessionClock, int | None]) -> None:
         """Build the timeline of a program in a thread of its own."""
+        loop = asyncio.get_running_loop()
         try:
-            shown = await run.io_bound(self._timeline.of, program, *how)
+            shown = await loop.run_in_executor(BUILDERS, self._timeline.of, program, *how)
         finally:
             self._is_building = False
-        if shown is not None:  # else the dashboard is ending
-            self._timeline_of, self._timeline_how, self._shown = program, how, shown
+        self._timeline_of, self._timeline_how, self._shown = program, how, shown
 
     def _more(self, update: Update | None) -> dict[str, Any]:
         """Return the payload beside the drawing: state of corrections, and run lengths if they are shown.

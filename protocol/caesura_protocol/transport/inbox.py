@@ -11,9 +11,9 @@ are counted: readers of results detect the gap by sequence numbers, and a droppe
 
 Rule 3: stations take turns by time (start-time fair queueing, Goyal, Vin & Cheng 1996). The time from one
 `get` to the next is added to the virtual time of the lane that was served, and the lane with the least is
-next. An empty lane restarts at the virtual time of the lane in service, so idle time earns no credit. A longer
-turn counts as MOST_TURN_S: a reader that is suspended is no station's work. Items of one station keep their
-order. Keys of another system, such as those of ROS 2, have one lane together.
+next. An empty lane restarts at the virtual time of the lane in service, so idle time earns no credit. A
+longer turn counts as MOST_TURN_S: a reader that is suspended is no station's work. Items of one station keep
+their order. Keys of another system, such as those of ROS 2, have one lane together.
 """
 
 from __future__ import annotations

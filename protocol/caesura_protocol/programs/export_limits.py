@@ -10,7 +10,6 @@ from caesura_protocol.app_force_limit import LEAST_FORCE_N, exerted_forces, is_p
 from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.messages import App
 from caesura_protocol.programs.checks.preconditions import order_findings
-from caesura_protocol.programs.contact_forces import without_friction
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.robots import RobotDescription
@@ -57,9 +56,8 @@ def limits(program: ProgramFile, names: Iterable[str] = tuple(CONSTANTS)) -> Ite
 
 
 def hardest_n(program: ProgramFile) -> float:
-    """Return the largest force [N] of a program, as scripts exert it; 0 without a press."""
-    apps = map(without_friction, program.apps)
-    return max((one.newton for app in apps for one in exerted_forces(app)), default=0.0)
+    """Return the largest force [N] that a robot feels in a program, with friction; 0 without a press."""
+    return max((one.newton for app in program.apps for one in exerted_forces(app)), default=0.0)
 
 
 def acting_limits(program: ProgramFile) -> Iterator[str]:

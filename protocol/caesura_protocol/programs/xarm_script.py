@@ -13,7 +13,12 @@ from typing import Any
 
 from caesura_protocol.app_kinds import APP_KINDS, step_title
 from caesura_protocol.messages import App, Vector
-from caesura_protocol.programs.contact_forces import force_in_tool, orientation_halfway, without_friction
+from caesura_protocol.programs.contact_forces import (
+    force_in_tool,
+    friction_of,
+    orientation_halfway,
+    without_friction,
+)
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.export_limits import acting_limits, refuse_beyond_limits, within_robot
 from caesura_protocol.programs.planned_apps import PlannedApp, planned_apps
@@ -92,6 +97,9 @@ def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
         row["load_kg"] = round(app.load_kg or 0.0, 3)
     if app.kind == "apply_force" and app.force is not None:
         row["force"] = frame, axis, newtons = _force(planned.name, app)
+        taught = program.apps[planned.place]
+        if friction_of(taught) > 0.0:
+            row["felt_n"] = _rounded(math.hypot(*taught.force or ()))
         row["push"] = tuple(_rounded(value / abs(newtons)) for value in app.force)
         begins = planned.begins or app.target or (0.0, 0.0, 0.0)
         ends = [leg.position for leg in planned.legs] or [app.target or begins]

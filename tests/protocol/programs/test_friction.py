@@ -26,8 +26,9 @@ def rubbed(apps: tuple[App, ...]) -> tuple[App, ...]:
 
 
 def parts(script: str) -> tuple[list[str], list[float]]:
-    """What stands between the numbers of a script, and its numbers."""
-    found = re.split(r"(-?\d+\.?\d*(?:e-?\d+)?)", script)
+    """What stands between the numbers of a script, and its numbers; without what is felt with friction."""
+    pressed = re.sub(r"'felt_n': .*,\s+|HARDEST_N = .*", "", script)
+    found = re.split(r"(-?\d+\.?\d*(?:e-?\d+)?)", pressed)
     return found[::2], list(map(float, found[1::2]))
 
 
@@ -37,6 +38,7 @@ def test_a_stroke_is_pressed_along_the_normal(write: Callable[[ProgramFile], str
     script = write(as_file(rubbed(wiped())))
     said = [line for line in script.splitlines() if "friction takes them along the way" in line]
     assert [line.split("5.0 N of the taught force are left out")[1:] != [] for line in said] == [True]
+    assert re.search(r"(felt_n': |HARDEST_N = )11\.18", script)
     (words, numbers), expected = parts(script.replace(f"{said[0]}\n", "")), parts(write(as_file(wiped())))
     assert words == expected[0]
     assert numbers == pytest.approx(expected[1], abs=0.002)

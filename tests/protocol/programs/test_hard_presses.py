@@ -9,7 +9,7 @@ import pytest
 from caesura_protocol.messages import App
 from caesura_protocol.programs.export_formats import WRITERS
 from caesura_protocol.programs.safety import Safety
-from harness.programs import as_file, press
+from harness.programs import as_file, press, wiped
 
 from . import franky_runs, xarm_runs
 from .fake_ur_controller import Controller, Halted
@@ -61,6 +61,24 @@ def test_a_urscript_does_not_begin_where_it_would_be_stopped():
     allowed = Controller(table_m=0.185)
     allowed.play(WRITERS["urscript"].write(program.model_copy(update={"safety": CELL})))
     assert allowed.named("force_mode")[0]["wrench"][2] == 35.0
+
+
+def test_no_script_of_a_stroke_begins_whose_friction_would_stop_the_robot():
+    """A script presses with 28 N; with the friction of its way the robot feels 31.3 N."""
+    touch, stroke = wiped()
+    apps = touch, stroke.model_copy(update={"force": (14.0, 0.0, -28.0)})
+    said = r"force 31\.3 N, and the robot is stopped at STOP_FORCE_N, 30"
+    franky = franky_runs.module_of(as_file(apps))
+    with pytest.raises(franky.Stop, match=said):
+        franky.checked(franky.APPS)
+    arm, xarm = xarm_runs.Arm(), xarm_runs.module_of(xarm_runs.on_xarm(apps))
+    with pytest.raises(xarm.Stop, match=said):
+        xarm.Runner(lambda host, is_radian: arm.api, "10.0.0.3").run(xarm.APPS)
+    assert not arm.calls("set_position_aa")
+    controller = Controller(table_m=0.185)
+    with pytest.raises(Halted):
+        controller.play(WRITERS["urscript"].write(as_file(apps).model_copy(update={"robot": "ur5e"})))
+    assert not controller.named("movej", "movel", "movep")
 
 
 def test_franky_presses_it_where_the_cell_allows_it(monkeypatch: pytest.MonkeyPatch):

@@ -6,7 +6,6 @@ kind. It is the template `franky_template.py.txt` with these values.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,11 +13,12 @@ from caesura_protocol.app_force_limit import is_path_limited
 from caesura_protocol.app_kinds import app_name, ends_in_contact, step_title
 from caesura_protocol.messages import Vector
 from caesura_protocol.programs.app_time_shifts import goes_on, rests_of
-from caesura_protocol.programs.contact_forces import force_in_tool, friction_of, without_friction
+from caesura_protocol.programs.contact_forces import force_in_tool, without_friction
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.export_limits import limits, refuse_beyond_limits
 from caesura_protocol.programs.program_gripper import gripper_of, not_driven, with_held_loads
 from caesura_protocol.programs.script_templates import (
+    felt_with_friction,
     filled_template,
     head_comments,
     robot_of_script,
@@ -103,8 +103,7 @@ def _row(taught: ProgramStep) -> dict[str, Any]:
         value = getattr(app, name)
         if value is not None:
             row[name] = _rounded(value)
-    if friction_of(taught) > 0.0:
-        row["felt_n"] = _rounded(math.hypot(*taught.force or ()))
+    row |= felt_with_friction(taught)
     if not is_path_limited(taught):
         row.pop("force_taught", None)
     if app.path is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
@@ -82,6 +83,11 @@ def group_comments(program: ProgramFile) -> dict[int, str]:
     """Return the comment line at which each group of apps begins, by its first app from 0."""
     groups = groups_by_first(program.groups, len(program.apps))
     return {index: _one_line(f"# === {group.heading} ===") for index, group in groups.items()}
+
+
+def felt_with_friction(app: App) -> dict[str, float]:
+    """Return the force [N] that is felt along a stroke, as `felt_n`; empty if no friction is left out."""
+    return {"felt_n": round(math.hypot(*app.force or ()), 3)} if friction_of(app) > 0.0 else {}
 
 
 def head_comments(program: ProgramFile) -> str:

@@ -15,7 +15,6 @@ from caesura_protocol.app_kinds import APP_KINDS, step_title
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.contact_forces import (
     force_in_tool,
-    friction_of,
     orientation_halfway,
     without_friction,
 )
@@ -25,6 +24,7 @@ from caesura_protocol.programs.planned_apps import PlannedApp, planned_apps
 from caesura_protocol.programs.program_gripper import GRIPS, gripper_of, not_driven, with_held_loads
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.script_templates import (
+    felt_with_friction,
     filled_template,
     head_comments,
     robot_of_script,
@@ -97,9 +97,7 @@ def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
         row["load_kg"] = round(app.load_kg or 0.0, 3)
     if app.kind == "apply_force" and app.force is not None:
         row["force"] = frame, axis, newtons = _force(planned.name, app)
-        taught = program.apps[planned.place]
-        if friction_of(taught) > 0.0:
-            row["felt_n"] = _rounded(math.hypot(*taught.force or ()))
+        row |= felt_with_friction(program.apps[planned.place])
         row["push"] = tuple(_rounded(value / abs(newtons)) for value in app.force)
         begins = planned.begins or app.target or (0.0, 0.0, 0.0)
         ends = [leg.position for leg in planned.legs] or [app.target or begins]

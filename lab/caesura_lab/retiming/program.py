@@ -159,7 +159,7 @@ def _fastest(
         made, factor = _fitted(app, way, limits, slower)
         made = _lasting(made, factor * (made.tn - made.t0))
         # A jerk that peaks between two looks is seen once the movement is much slower.
-        return _on_its_path(app, made if factor < FAR else _scaled(made, hurried))
+        return _sooner(app, made if factor < FAR else _scaled(made, hurried), hurried)
     found = list[ProgramStep]()
     sooner = app.model_copy(update={"tn": app.t0 + SOONER * (app.tn - app.t0)})
     for arrives in (arrival_speed(sooner, until, way.poses[0, :3], safety), 0.0):
@@ -170,10 +170,14 @@ def _fastest(
                 found.append(made if factor <= 1.0 else _scaled(made, hurried))
     if not found:
         raise TimeLawError(f"no time within the limits after {ROUNDS} rounds")
-    best = min(found, key=lambda one: one.tn)
-    if best.tn > app.tn and hurried(app) <= 1.0:
+    return _sooner(app, min(found, key=lambda one: one.tn), hurried)
+
+
+def _sooner(app: ProgramStep, made: ProgramStep, hurried: Callable[[ProgramStep], float]) -> ProgramStep:
+    """Return the re-timed app. Raises TimeLawError for a longer one than one that keeps the limits."""
+    if made.tn > app.tn and hurried(app) <= 1.0:
         raise TimeLawError("it was taught as fast as the limits allow")
-    return _on_its_path(app, best)
+    return _on_its_path(app, made)
 
 
 def _fitted(

@@ -158,8 +158,8 @@ def _fastest(
     if until is None:
         made, factor = _fitted(app, way, limits, slower)
         made = _lasting(made, factor * (made.tn - made.t0))
-        # A jerk that peaks between two looks is seen once the movement is much slower.
-        return _sooner(app, made if factor < FAR else _scaled(made, hurried), hurried)
+        # A jerk that peaks between two looks is seen once the movement is slower.
+        return _sooner(app, made if factor <= 1.0 else _scaled(made, hurried), hurried)
     found = list[ProgramStep]()
     sooner = app.model_copy(update={"tn": app.t0 + SOONER * (app.tn - app.t0)})
     for arrives in (arrival_speed(sooner, until, way.poses[0, :3], safety), 0.0):

@@ -199,6 +199,31 @@ def test_a_movement_towards_a_contact_keeps_to_the_jerk_of_other_arms(
     assert jerk <= arm.description.flange_jerk_limit
 
 
+def test_a_movement_there_and_back_keeps_to_the_jerk() -> None:
+    """What was slower by less than a third was not looked at again, and had 1.04 times the jerk."""
+    arm = load_robot("xarm7")
+    (place,), _ = arm.flange_poses(np.array(arm.postures[:1]))
+    x, y, z = place.tolist()
+    shares = np.sin(np.pi * np.arange(11) / 10).tolist()
+    begins, *between, ends = ((x, y, z - 0.1 * share) for share in shares)
+    one = move(1.0, begins, ends)
+    via = tuple(
+        ViaPoint(t=1.0 + 0.1 * k, position=at, orientation=one.orientation)
+        for k, at in enumerate(between, start=1)
+    )
+    assert one.path is not None
+    path = one.path.model_copy(update={"via": via, "length_m": 0.2})
+    fast = optimal(as_file((one.model_copy(update={"path": path}),)), robot=arm)
+    assert fast.timing is not None
+    assert fast.timing.retimed == (0,)
+    curve = followed(fast.apps[0], None)
+    joints = joints_followed(arm, curve, np.array(arm.postures[0]))
+    assert float((np.abs(np.diff(joints, 3, axis=0)) / 1e-9 / arm.jerk_limits).max()) <= 1.0
+    places = np.array([curve.at(float(t))[0][:3] for t in np.arange(0.0, float(curve.t[-1]), 1e-3)])
+    jerk = np.linalg.norm(np.diff(places, 3, axis=0), axis=1).max() / 1e-9
+    assert jerk <= arm.description.flange_jerk_limit
+
+
 def _taught_on(robot: str) -> ProgramFile:
     """The program of pick and place that was taught on an arm."""
     apps = tuple(segmented(nominal_once("pick_and_place", robot=robot).recording).apps)

@@ -273,8 +273,8 @@ def _force_limits(app: App) -> Iterator[Reason]:
             f"with {fixed(exerted, 1)} N: teach each force as a press of its own"
         )
         yield reason, exerted, app.weaker_n
-    if app.aslant is not None and app.force is not None and exerted > 0.0:
-        held = math.hypot(*app.aslant)
+    held = 0.0 if app.aslant is None else math.hypot(*app.aslant)
+    if app.aslant is not None and app.force is not None and held * exerted > 0.0:
         cosine = sum(map(operator.mul, app.aslant, app.force)) / (held * exerted)
         leans = math.degrees(math.acos(min(max(cosine, -1.0), 1.0)))
         reason = (

@@ -3,12 +3,12 @@
 A quiet place is a settled segment whose apps do not depend on earlier segments, and at whose start the
 gripper does nothing. The fingers do not act in it, or shortly before, except near a contact: it would be
 divided there. It is a motion that does not continue an earlier one, and does not follow a contact by two
-segments. It is not part of a carry, nor is what the one before carries pushed back. With the motions into
-which it continues it is too long for the end of another motion. No contact follows it into which it may press
-something. The program is then that of the segments before it, followed by that of the segments from it on. If
-there is no quiet place in MOST_UNQUIET segments, the apps are divided at the last of them without contact. A
-gap that affects earlier segments is known by then: a gap ends where a segment begins, and the quiet place is
-a segment.
+segments. It is not part of a carry, nor is what the one before carries pushed back. With the motions and
+carries into which it continues it is too long for the end of another motion. No contact follows it into which
+it may press something. The program is then that of the segments before it, followed by that of the segments
+from it on. If there is no quiet place in MOST_UNQUIET segments, the apps are divided at the last of them
+without contact. A gap that affects earlier segments is known by then: a gap ends where a segment begins, and
+the quiet place is a segment.
 """
 
 from __future__ import annotations
@@ -182,7 +182,8 @@ class IncrementalProgramBuilder:
             if may_end_movement(whole):
                 return True
             kind, t0 = step.segment.kind, step.segment.t0
-            if self._lasts(step) and (kind != "motion" or is_end_of_movement(t0, self._moment)):
+            moves = kind in {"motion", "transport"}  # fingers that hold nothing carry nothing
+            if self._lasts(step) and (not moves or is_end_of_movement(t0, self._moment)):
                 return False
             whole = step.joined_to(whole)
         return True

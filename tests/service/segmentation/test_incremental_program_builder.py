@@ -130,6 +130,20 @@ def test_it_is_that_program_of_short_carries_contacts_and_movements(first: int):
         grow_with_fingers(seed, n=60, every=4, kinds=kinds, lengths=(0.3, 0.4))
 
 
+@pytest.mark.parametrize(
+    ("seed", "every", "kinds", "lengths"),
+    [
+        (20004, 4, ("transport", "hold", "motion", "contact"), (0.3, 1.0, 2.0)),
+        (20042, 3, ("transport", "motion", "contact", "sliding"), (0.2, 0.3, 0.4, 1.2, 2.0)),
+    ],
+)
+def test_a_carry_with_empty_fingers_goes_on_a_movement(
+    seed: int, every: int, kinds: Sequence[str], lengths: Sequence[float]
+):
+    """A motion that such a carry leads back is short as a whole: it was an app of its own, as was the carry."""
+    grow_with_fingers(seed, n=60, every=every, kinds=kinds, lengths=lengths)
+
+
 def grow_with_fingers(seed: int, n: int, every: int, **of_segments: Any) -> None:
     """Look at a demonstration after `every` segments, and compare what has grown with the whole program."""
     rng = np.random.default_rng(seed)

@@ -127,6 +127,14 @@ def test_what_is_refused_is_not_run(spoilt: Path, tmp_path: Path) -> None:
     assert not out.exists()
 
 
+def test_a_check_names_the_groups_that_no_format_shows(program: Path) -> None:
+    content = json.loads(program.read_text("utf-8"))
+    content["groups"] = [{"first": 0, "last": 1, "name": "in"}, {"first": 1, "last": 9, "name": "far"}]
+    program.write_text(json.dumps(content), encoding="utf-8")
+    named = [line for line in caesura("check", program).output.splitlines() if "is not shown" in line]
+    assert [line.split(":")[2].strip() for line in named] == ["group far"]
+
+
 def test_a_check_reads_times_of_day_as_the_table_does(program: Path) -> None:
     """They were seconds since 1970, to a tenth."""
     content = json.loads(program.read_text("utf-8"))

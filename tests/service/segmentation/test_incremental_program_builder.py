@@ -140,7 +140,7 @@ def test_it_is_that_program_of_short_carries_contacts_and_movements(first: int):
 def test_a_carry_with_empty_fingers_goes_on_a_movement(
     seed: int, every: int, kinds: Sequence[str], lengths: Sequence[float]
 ):
-    """A motion that such a carry leads back is short as a whole: it was an app of its own, as was the carry."""
+    """A motion that such a carry leads back is short as a whole: it was an app of its own."""
     grow_with_fingers(seed, n=60, every=every, kinds=kinds, lengths=lengths)
 
 

@@ -27,6 +27,7 @@ __all__ = [
     "fidelity_findings",
     "findings_beside_notes",
     "gripper_findings",
+    "group_findings",
     "mounting_findings",
     "order_findings",
     "timing_findings",
@@ -38,7 +39,7 @@ __all__ = [
 def document_findings(program: ProgramFile) -> list[Finding]:
     """Return all findings on a program that need no robot, errors first."""
     quality = DemonstrationQuality(program.gaps, program.wrench, program.timing, program.notes)
-    found = [*mounting_findings(program.up), *_groups_not_shown(program)]
+    found = [*mounting_findings(program.up), *group_findings(program)]
     try:
         held_by = gripper_of(program)
     except (GripperError, RobotError) as error:
@@ -56,7 +57,7 @@ def document_findings(program: ProgramFile) -> list[Finding]:
     return sorted(found, key=lambda one: one.severity)
 
 
-def _groups_not_shown(program: ProgramFile) -> Iterator[Finding]:
+def group_findings(program: ProgramFile) -> Iterator[Finding]:
     """Yield a warning on each group that a program with these apps cannot have."""
     shown = groups_by_first(program.groups, len(program.apps)).values()
     for group in program.groups:

@@ -78,8 +78,8 @@ def groups_of(apps: Sequence[App], phases: Sequence[Phase]) -> tuple[Group, ...]
     owners = _phases_of(apps, phases)
     for number, phase in enumerate(phases):
         members = [index for index, owner in enumerate(owners) if owner == number]
+        counts[phase.kind] += bool(members)
         if members and not _is_divided(owners, number):
-            counts[phase.kind] += 1
             name = phase.name or f"{phase.kind} {counts[phase.kind]}"
             groups.append(Group(first=members[0], last=members[-1], name=name, strokes=phase.strokes))
     return tuple(groups)

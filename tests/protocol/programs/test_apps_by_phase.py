@@ -68,6 +68,14 @@ def test_a_group_that_edits_divided_is_left_out_and_named():
     )
 
 
+def test_a_group_keeps_its_number_if_one_before_it_is_divided():
+    # The third phase, `contact 2` until then, became `contact 1`, which had been the first one.
+    phases = (phase(0, 1), phase(2, 2, kind="free"), phase(3, 4))
+    assert [one.name for one in groups_of(FIVE, phases)] == ["contact 1", "free 1", "contact 2"]
+    apps = (FIVE[0], marked(FIVE[2]), FIVE[1], *FIVE[3:])
+    assert [one.name for one in groups_of(apps, phases)] == ["free 1", "contact 2"]
+
+
 def test_a_part_that_was_taught_again_stays_in_its_group():
     # Its time is that of another session: the group it lies in was left out, and another one, too.
     mark = AppChange(field="taught_again", author="Ann", edit=1)

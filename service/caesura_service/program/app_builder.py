@@ -23,8 +23,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from caesura_protocol.app_force_limit import LEAST_PRESS_N
 from caesura_protocol.app_kinds import AppKind
@@ -34,6 +32,7 @@ from caesura_protocol.up_direction import UP
 from caesura_service.program.contacts import pushes_back
 from caesura_service.program.end_velocities import with_end_velocities
 from caesura_service.program.gaps import observed_share
+from caesura_service.program.held_forces import force_aslant, forces_felt, weaker_force
 from caesura_service.program.joined_strokes import (
     INSERTED_M,
     NOWHERE_M,
@@ -46,8 +45,6 @@ from caesura_service.program.paths import Paths
 from caesura_service.program.program_segment import (
     GRIP_SLACK_S,
     OBSERVED_S,
-    PUSHES_BACK_N,
-    UNLIKE_N,
     GripperAction,
     Moment,
     MomentAt,
@@ -61,9 +58,6 @@ from caesura_service.program.segment_interpretation import kept_steps
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
 SETTLES_S = 0.15  # after a turn, until the hand is still
 UNCHANGED: Mapping[str, object] = MappingProxyType({})
-HELD_LOOKS = 10  # observations in a row, one second, from which on a weaker force was held on purpose
-VARIED_LOOKS = 20  # observations, two seconds in all, from which on a weaker force is no touch or release
-WEAKER_LOOKS = 1200  # observations of a press at which its forces are compared: two minutes, or evenly spread
 WEIGHED_S = 1.0  # in which a load is weighed well: a shorter step may end with a touch
 CHANGED_KG, CHANGED_SDS = (
     0.25,
@@ -72,7 +66,6 @@ CHANGED_KG, CHANGED_SDS = (
 AT_REST: Mapping[str, float] = MappingProxyType(  # a hand that grips at rest sways by less
     {"moved_m_per_s": 0.03, "turned_rad_per_s": math.radians(10.0)}
 )
-LEAN_COSINE = math.cos(math.radians(30.0))  # between two forces, up to which they press in two directions
 STILL_PRESSED = 0.7  # of a force: who presses less is letting go
 
 TURNS_AS: dict[Contact, str] = {"free": "motion", "contact": "sliding", "transport": "transport"}
@@ -287,50 +280,6 @@ class _Group:
         t = next(held, None)
         return None if t is None else _End(t, _where(self.moment_at(t)))
 
-    def felt(self, step: ProgramSegment, times: Sequence[float]) -> NDArray[np.float64]:
-        """Return the known forces (n, 3) [N] of a contact at times [s], `WEAKER_LOOKS` of them at most."""
-        forces = (self.moment_at(t).force for t in times[:: -(-len(times) // WEAKER_LOOKS)])
-        return np.array([np.subtract(one, step.base) for one in forces if one is not None]).reshape(-1, 3)
-
-    def aslant(self, step: ProgramSegment, times: Sequence[float], force: Vector) -> Vector | None:
-        """Return the force [N] that the robot would exert as one held in another direction than `force`.
-
-        Of several the one that differs most; None without one. It is held as a weaker one is (`weaker`).
-        """
-        felt = self.felt(step, times)
-        if len(felt) < HELD_LOOKS:
-            return None
-        windows = sliding_window_view(felt, HELD_LOOKS, axis=0)  # (k, 3, looks)
-        levels = np.median(windows, axis=2)
-        off = np.sort(np.linalg.norm(windows - levels[:, :, None], axis=1), axis=1)
-        sizes, apart = np.linalg.norm(levels, axis=1), np.linalg.norm(levels - force, axis=1)
-        leans = levels @ force <= LEAN_COSINE * sizes * length(force)
-        held = (off[:, -2] <= PUSHES_BACK_N) & (sizes >= PUSHES_BACK_N) & (apart >= UNLIKE_N) & leans
-        if not held.any():
-            return None
-        x, y, z = (-levels[np.argmax(np.where(held, apart, 0.0))]).tolist()
-        return x, y, z
-
-    def weaker(self, step: ProgramSegment, times: Sequence[float], force: Vector) -> float | None:
-        """Return a force [N] that was pressed with at times [s], where it is another one than `force`.
-
-        It is the least that was held: `HELD_LOOKS` observations in a row, without the largest and the least,
-        differ by less than a touch. Of a force that varied it is the median of those below `force`, if they
-        last longer than a touch and a release. None without either. times: of observations, none in a gap:
-        there the nearest one would count again and again.
-        """
-        newtons = np.linalg.norm(self.felt(step, times), axis=1)
-        if newtons.size < HELD_LOOKS:
-            return None
-        windows = np.sort(sliding_window_view(newtons, HELD_LOOKS), axis=1)
-        steady = (windows[:, -2] - windows[:, 1] <= PUSHES_BACK_N) & (windows[:, 1] >= PUSHES_BACK_N)
-        least, most_n = windows[steady, HELD_LOOKS // 2].min(initial=np.inf), length(force) - UNLIKE_N
-        if least <= most_n:
-            return float(least)
-        weak = newtons[(newtons >= PUSHES_BACK_N) & (newtons <= most_n)]
-        lasting = weak.size * len(times) >= VARIED_LOOKS * newtons.size
-        return float(np.median(weak)) if lasting else None
-
 
 @dataclass(frozen=True)
 class _End:
@@ -428,7 +377,8 @@ def _press(group: _Group) -> App:
     hardest = _hardest(group.steps)
     changes, end = _forces(hardest.force, group.force_limit_n), group.pressed(hardest)
     times = [t for step in group.steps for t in observed(step.segment.t0, step.segment.tn)]
-    changes["weaker_n"] = group.weaker(hardest, times, hardest.force)
+    felt = forces_felt(hardest.base, times, group.moment_at)
+    changes["weaker_n"] = weaker_force(felt, hardest.force, len(times))
     if end is not None:
         changes |= end.where
         t0 = group.steps[0].segment.t0
@@ -437,7 +387,7 @@ def _press(group: _Group) -> App:
         elif group.paths is not None:
             changes["off_straight_m"] = group.paths.off_straight_m(t0, end.t)
     if "path" not in changes:
-        changes["aslant"] = group.aslant(hardest, times, hardest.force)
+        changes["aslant"] = force_aslant(felt, hardest.force)
     return group.app("apply_force", group.steps, **changes)
 
 
@@ -461,7 +411,8 @@ def _slides(group: _Group) -> Iterable[App]:
         rests = {"rest_before": _rest(step.rests_before, group), "rest_after": _rest(step.rests_after, group)}
         begun = group.landed() if step is group.steps[0] else None
         times = observed(step.segment.t0 if begun is None else begun, step.segment.tn)
-        weaker = {"weaker_n": group.weaker(step, times, force)}
+        felt = forces_felt(step.base, times, group.moment_at)
+        weaker = {"weaker_n": weaker_force(felt, force, len(times))}
         changes = _forces(force, group.force_limit_n) | rests | weaker
         yield group.moving("apply_force", step, changes=changes, begun=begun)
 

@@ -1,0 +1,71 @@
+"""Finds what else was pressed in a press: a weaker force, or one in another direction."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from caesura_protocol.messages import Vector
+from caesura_service.program.program_segment import PUSHES_BACK_N, UNLIKE_N, MomentAt, length
+
+HELD_LOOKS = 10  # observations in a row, one second, from which on a force was held on purpose
+VARIED_LOOKS = 20  # observations, two seconds in all, from which on a weaker force is no touch or release
+MOST_LOOKS = 1200  # observations of a press at which its forces are compared: two minutes, or evenly spread
+LEAN_COSINE = math.cos(math.radians(30.0))  # between two forces, up to which they press in two directions
+
+Array = NDArray[np.float64]
+
+
+def forces_felt(base: Vector, times: Sequence[float], moment_at: MomentAt) -> Array:
+    """Return the known forces (n, 3) [N] of a contact at times [s], `MOST_LOOKS` of them at most.
+
+    base: the force [N] before the contact. times: of observations, none in a gap: there the nearest one would
+    count again and again.
+    """
+    forces = (moment_at(t).force for t in times[:: -(-len(times) // MOST_LOOKS)])
+    return np.array([np.subtract(one, base) for one in forces if one is not None]).reshape(-1, 3)
+
+
+def weaker_force(felt: Array, force: Vector, looks: int) -> float | None:
+    """Return the size [N] of a force that was pressed with, where it is another one than `force`.
+
+    It is the least that was held: `HELD_LOOKS` observations in a row, without the largest and the least,
+    differ by less than a touch. Of a force that varied it is the median of those below `force`, if they last
+    longer than a touch and a release. None without either. felt: (n, 3) [N]; looks: observations of the
+    press, of which n are felt.
+    """
+    newtons = np.linalg.norm(felt, axis=1)
+    if newtons.size < HELD_LOOKS:
+        return None
+    windows = np.sort(sliding_window_view(newtons, HELD_LOOKS), axis=1)
+    steady = (windows[:, -2] - windows[:, 1] <= PUSHES_BACK_N) & (windows[:, 1] >= PUSHES_BACK_N)
+    least, most_n = windows[steady, HELD_LOOKS // 2].min(initial=np.inf), length(force) - UNLIKE_N
+    if least <= most_n:
+        return float(least)
+    weak = newtons[(newtons >= PUSHES_BACK_N) & (newtons <= most_n)]
+    lasting = weak.size * looks >= VARIED_LOOKS * newtons.size
+    return float(np.median(weak)) if lasting else None
+
+
+def force_aslant(felt: Array, force: Vector) -> Vector | None:
+    """Return the force [N] that the robot would exert as one held in another direction than `force`.
+
+    Of several the one that differs most; None without one. It is held as a weaker one is (`weaker_force`).
+    felt: (n, 3) [N].
+    """
+    if len(felt) < HELD_LOOKS:
+        return None
+    windows = sliding_window_view(felt, HELD_LOOKS, axis=0)  # (k, 3, looks)
+    levels = np.median(windows, axis=2)
+    off = np.sort(np.linalg.norm(windows - levels[:, :, None], axis=1), axis=1)
+    sizes, apart = np.linalg.norm(levels, axis=1), np.linalg.norm(levels - force, axis=1)
+    leans = levels @ force <= LEAN_COSINE * sizes * length(force)
+    held = (off[:, -2] <= PUSHES_BACK_N) & (sizes >= PUSHES_BACK_N) & (apart >= UNLIKE_N) & leans
+    if not held.any():
+        return None
+    x, y, z = (-levels[np.argmax(np.where(held, apart, 0.0))]).tolist()
+    return x, y, z

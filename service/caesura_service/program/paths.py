@@ -109,9 +109,10 @@ class Paths:
         """
         if t in self._speeds or t > self.settled_until:
             return self._speeds.get(t)
-        times, poses = self.poses_between(t - OBSERVED_S, t + OBSERVED_S)
-        if len(times) != 3 or times[2] - times[0] > 2.5 * OBSERVED_S:
+        beside = self._beside(t)
+        if beside is None:
             return None
+        times, poses = beside
         seconds = float(times[2] - times[0])
         turned = float(angles(poses[:1, 3:], poses[2, 3:])[0]) if poses.shape[1] == 7 else 0.0
         speeds = math.dist(poses[0, :3], poses[2, :3]) / seconds, turned / seconds
@@ -122,12 +123,16 @@ class Paths:
 
     def _passing_at(self, t: float) -> Array:
         """Velocity [m/s] and angular velocity [rad/s] (6,) at an observation; nan without both neighbours."""
-        times, poses = self.poses_between(t - OBSERVED_S, t + OBSERVED_S)
         passing = np.full(6, np.nan)
-        if len(times) == 3 and times[2] - times[0] < 2.5 * OBSERVED_S:
-            found = Curve.through(times, poses).passing[1]
+        if (beside := self._beside(t)) is not None:
+            found = Curve.through(*beside).passing[1]
             passing[: len(found)] = found
         return passing
+
+    def _beside(self, t: float) -> tuple[Array, Array] | None:
+        """Return times (3,) [s] and poses of an observation and both neighbours; None without both."""
+        times, poses = self.poses_between(t - OBSERVED_S, t + OBSERVED_S)
+        return (times, poses) if len(times) == 3 and times[2] - times[0] < 2.5 * OBSERVED_S else None
 
     def _made(self, t: Array, poses: Array, passing: Array) -> AppPath:
         """The path of observations; passing: (n, 6) as `reduced` takes it."""

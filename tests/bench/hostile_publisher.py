@@ -31,7 +31,7 @@ from clients.conftest import RouterNetwork
 STATIONS = 7
 BATCH_S = 0.02
 COLUMNS = ("t", "px", "py", "pz", "qx", "qy", "qz", "qw", "fx", "fy", "fz", "mx", "my", "mz")
-SETTLED_S = 1.0
+SETTLED_S = 1.0  # until the routers know the subscription of the reader
 
 
 def batch_of(shape: tuple[int, int], seq: int = 0, end_s: float = 0.0) -> Encoded:

@@ -146,6 +146,9 @@ def test_send_goes_on_while_batches_are_sent_again_and_while_the_session_is_open
         thread.join(DEADLINE_S)
 
 
+on_linux = pytest.mark.skipif(sys.platform != "linux", reason="threads have no priorities of their own")
+
+
 class Scheduling:
     """The scheduling of the system's threads, by native id; 0 is the calling thread."""
 
@@ -171,7 +174,7 @@ def sent_with(memory):
         return {one.native_id for one in threading.enumerate() if "cell-1" in one.name}
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="threads have no priorities of their own")
+@on_linux
 @pytest.mark.parametrize(("priority", "shared"), [(10, 9), (1, 1)])
 def test_the_threads_of_a_bridge_have_a_priority_just_below_that_of_the_loop(
     memory, monkeypatch, priority, shared
@@ -183,7 +186,7 @@ def test_the_threads_of_a_bridge_have_a_priority_just_below_that_of_the_loop(
     assert scheduling.of == {0: (os.SCHED_FIFO, priority), **dict.fromkeys(threads, (os.SCHED_FIFO, shared))}
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="threads have no priorities of their own")
+@on_linux
 def test_a_priority_that_children_of_the_loop_do_not_inherit_is_one(memory, monkeypatch):
     """RealtimeKit gives no other."""
     policy = os.SCHED_RR | os.SCHED_RESET_ON_FORK
@@ -192,14 +195,14 @@ def test_a_priority_that_children_of_the_loop_do_not_inherit_is_one(memory, monk
     assert scheduling.of == {0: (policy, 10), **dict.fromkeys(threads, (policy, 9))}
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="threads have no priorities of their own")
+@on_linux
 def test_the_threads_of_a_bridge_keep_their_priority_where_the_loop_has_none(memory, monkeypatch):
     scheduling = Scheduling(monkeypatch, os.SCHED_OTHER, 0)
     assert sent_with(memory)
     assert scheduling.of == {0: (os.SCHED_OTHER, 0)}
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="threads have no priorities of their own")
+@on_linux
 def test_a_system_that_refuses_a_priority_is_named_and_the_loop_goes_on(memory, monkeypatch, caplog):
     Scheduling(monkeypatch, os.SCHED_FIFO, 10, PermissionError(1, "Operation not permitted"))
     threads = sent_with(memory)

@@ -32,7 +32,7 @@ def test_the_check_refuses_a_rest_that_is_pressed_beyond_the_limit() -> None:
 
 
 def test_the_check_warns_of_a_force_with_which_the_robot_would_be_stopped() -> None:
-    """Without a limit, what was taught is written; it was refused at a limit that nobody had set."""
+    """Without a limit, what was taught is written; it was refused above a limit that was not set."""
     (found,) = value_findings(pressed_harder_before(40.0), Safety())
     assert found.severity == "warning"
     assert found.reason.startswith(

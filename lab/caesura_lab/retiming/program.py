@@ -56,11 +56,8 @@ PLACES = 2000  # at which two paths are compared
 KNOT_M, FEWEST, MOST = 0.004, 40, 80  # of the way, between two inverse kinematics; how many of them
 VIA_S, MOST_VIA, LEAST_LEGS = 0.016, 60, 2  # between two via points; legs between two changes of sign
 LAST_S = 0.08  # between the last via point and a contact, whose speed is the executor's
-LEAST_RISE_S, MOST_RISE_S, MEETS_S = (
-    0.02,
-    0.15,
-    0.06,
-)  # over which a law is averaged first; at most to a contact
+LEAST_RISE_S, MOST_RISE_S = 0.02, 0.15  # over which a law is averaged first
+MEETS_S = 0.06  # likewise, at most, of a movement to a contact
 SMOOTH_S = 0.03  # over which it is averaged then, at most
 TO_JERK = 2.4  # of acceleration by jerk: from that rise on a jump between both accelerations keeps the jerk
 BENT = 0.4  # of a limit of the jerk that the bends of a path may take
@@ -315,6 +312,7 @@ def _smoothed(places: Array, poses: Array, left_m: float, left_rad: float) -> Cu
     places: (k,) their lengths [m], evenly spaced. It begins and ends at the first and the last pose. Its
     smoothness is one weight of its second derivatives. They are γ at the places, and the values there are
     poses - weight W⁻¹ Q γ, with (R + weight Qᵀ W⁻¹ Q) γ = Qᵀ poses (Reinsch 1967).
+    scipy's make_smoothing_spline gives the same path; with it some programs take more than 200 ms to time.
     """
     step = places[1] - places[0]
     loose = np.ones(len(places))

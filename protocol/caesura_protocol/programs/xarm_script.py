@@ -13,11 +13,7 @@ from typing import Any
 
 from caesura_protocol.app_kinds import APP_KINDS, step_title
 from caesura_protocol.messages import App, Vector
-from caesura_protocol.programs.contact_forces import (
-    force_in_tool,
-    orientation_halfway,
-    without_friction,
-)
+from caesura_protocol.programs.contact_forces import force_in_tool, orientation_halfway, without_friction
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.export_limits import acting_limits, refuse_beyond_limits, within_robot
 from caesura_protocol.programs.planned_apps import PlannedApp, planned_apps

@@ -117,9 +117,8 @@ class Inbox:
         self.dropped = 0
         self._clock = clock
         self._lanes: dict[str, _StationItems] = {}
-        self._turns: list[
-            tuple[float, int, _StationItems]
-        ] = []  # a heap of lanes with items, but the one in service
+        # A heap of the lanes with items, but the one in service.
+        self._turns: list[tuple[float, int, _StationItems]] = []
         self._order = count()
         self._served: _StationItems | None = None
         self._served_s = self._virtual_s = 0.0

@@ -109,8 +109,9 @@ def test_a_closed_session_that_the_service_holds_no_longer_is_dropped_at_once(ga
     eventually(lambda: len(gateway.world.updates) == 3)
     holds(answering, "s2", "s3")
     eventually(lambda: set(gateway.world.updates) == {(station(), "s2"), (station(), "s3")})
+    assert set(gateway.world.first_seen) == set(gateway.world.updates)
     holds(answering)
-    eventually(lambda: gateway.world.updates == {})
+    eventually(lambda: gateway.world.updates == gateway.world.first_seen == {})
 
 
 def test_what_there_was_before_is_known(gateway):

@@ -138,6 +138,17 @@ def test_nothing_can_have_come_before_the_dashboard_began(world):
     assert seen(world, received_ago=None, began=NOW - 1.0).state == "teaching"
 
 
+def test_a_demonstration_that_has_just_begun_is_not_as_silent_as_the_one_before(world):
+    """Each Start showed `Stale` in red, until the first sample came."""
+    ((station, session),) = world.updates
+    before = NewestSamples(NOW - 60.0, 12.0, "before")
+    begun = replace(world, first_seen={(station, session): NOW - 0.5})
+    one = glance(begun, station, before, NOW, 0.0)
+    assert (one.state, one.why, one.age_s) == ("teaching", "", 0.5)
+    begun = replace(world, first_seen={(station, session): NOW - STALE_S - 1.0})
+    assert glance(begun, station, before, NOW, 0.0).why == "no sample for 3 s"
+
+
 def test_a_closed_session_is_over_whatever_comes(world):
     one = seen(changed(replace(world, bridges=frozenset()), state="closed"), received_ago=60.0)
     assert (one.state, one.age_s) == ("done", None)

@@ -159,7 +159,8 @@ class NetworkFollower(RepeatingThreads):
             case SessionRemoved():
                 gone = (event.station, event.session)
                 kept = {key: one for key, one in self.world.updates.items() if key != gone}
-                self._change(updates=kept, closed=self.world.closed + 1)
+                seen = {key: at for key, at in self.world.first_seen.items() if key != gone}
+                self._change(updates=kept, first_seen=seen, closed=self.world.closed + 1)
                 self._look_up_current(event.station)
                 self._parallel.close(*gone)
                 self._count_bridges(event.station)
@@ -167,7 +168,10 @@ class NetworkFollower(RepeatingThreads):
     def _take_update(self, update: Update) -> None:
         key = (update.station, update.session)
         known = self.world.updates
-        self._change(updates={**known, key: update}, closed=self.world.closed + update.closed)
+        seen = {key: self.clock(), **self.world.first_seen}
+        self._change(
+            updates={**known, key: update}, first_seen=seen, closed=self.world.closed + update.closed
+        )
         if key not in known:
             self._look_up_current(update.station)
         self._parallel.take(update)

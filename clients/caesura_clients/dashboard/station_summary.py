@@ -41,6 +41,7 @@ class DashboardState:
     current: Mapping[str, str] = field(default_factory=dict)  # the session of each station's program
     bridges: frozenset[str] = frozenset()  # stations whose bridge is connected
     standby: Mapping[str, BridgeStatus] = field(default_factory=dict)  # bridges in standby, by station
+    first_seen: Mapping[tuple[str, str], float] = field(default_factory=dict)  # [s] each session of `updates`
     parallel: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # taught at once, by station
     alive: frozenset[str] = frozenset()  # instances that are alive
     services: tuple[ServiceStatus, ...] = ()
@@ -132,12 +133,15 @@ def glances(
 def glance(
     world: DashboardState, station: str, received: NewestSamples | None, now: float, began: float
 ) -> StationSummary:
-    """Return the summary of one station. now, began: current time and the follower's start, monotonic [s]."""
+    """Return the summary of one station. now, began: current time and the follower's start, monotonic [s].
+
+    Silence counts from the newest sample, or from the beginning of a session that has none yet.
+    """
     update = world.update(station)
     bridge = station in world.bridges
-    why = stale(
-        world, update, bridge, received, now - (began if received is None else max(began, received.at))
-    )
+    seen_s = began if update is None else max(began, world.first_seen.get((station, update.session), began))
+    silent_s = now - (seen_s if received is None else max(seen_s, received.at))
+    why = stale(world, update, bridge, received, silent_s)
     status = world.standby.get(station)
     state = _state(update, bridge, why, status)
     if state in {"failed", "teaching"} and status is not None and not why:
@@ -154,7 +158,7 @@ def glance(
         session=update.session if update else "",
         task=(update.status.description.task or "") if update else "",
         t=lasted(update) if update else 0.0,
-        age_s=None if received is None or (update and update.closed) else max(0.0, now - received.at),
+        age_s=None if received is None or (update and update.closed) else max(0.0, silent_s),
         kind=last.kind if last else "",
         probability=last.probability if last else None,
         segments=len(update.segments) if update else 0,

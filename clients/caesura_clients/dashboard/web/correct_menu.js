@@ -3,15 +3,15 @@ import { clock } from "caesura-dashboard/clock.js";
 import { pointing } from "caesura-dashboard/effect.js";
 import EffectWords from "caesura-dashboard/effect_words.js";
 
-const WIDTH = 288, BESIDE = 10, MARGIN = 8, EFFECT = 170; // pixels; the last: what a preview adds to the height
+const WIDTH = 288, BAND = 58, BESIDE = 10, MARGIN = 8, EFFECT = 170; // pixels; the last: what a preview adds to the height
 const NEAR = 0.005; // [s] up to which a time is that of a changepoint
 
 export default {
   mixins: [clock],
   components: { EffectWords },
-  props: { t: Number, start: Number, selected: Number, segment: Object, phase: Object, kinds: Object, author: String, x: Number, y: Number, width: Number, effect: Object },
+  props: { t: Number, start: Number, selected: Number, segment: Object, phase: Object, kinds: Object, author: String, x: Number, y: Number, width: Number, room: Number, kept: Array, effect: Object },
   emits: ["edit", "preview", "close", "rename", "time"],
-  data: () => ({ newton: 10, tapped: "", name: "", raised: 0, most: "none" }),
+  data: () => ({ newton: 10, tapped: "", name: "", raised: 0, bottom: "auto", most: "none" }),
   template: `
     <div class="correct-menu" role="dialog" :aria-label="'Correct at ' + shownTime(t) + ' s'" :style="place" @keydown.esc.stop="$emit('close')">
       <label class="menu-time">Time [s] <input ref="time" class="time" type="number" step="any" @change="setTime($event.target.value)"></label>
@@ -32,8 +32,8 @@ export default {
         <label>Name the phase {{ phase[2] }} <input class="phase-name" maxlength="64" required v-model.trim="name"></label>
         <button class="name-phase" title="Its apps are a group of this name; nothing else changes"
           v-on="name ? pointing({ do: 'name_phase', t, name }) : {}">Name</button></form>
-      <effect-words :effect="effect" :more="tapped && 'Tap again to correct.'"></effect-words>
       <p v-if="author" class="by">by {{ author }} <button class="rename" @click="$emit('rename')">Another name</button></p>
+      <effect-words :effect="effect" :more="tapped && 'Tap again to correct.'"></effect-words>
     </div>`,
   watch: {
     t() {
@@ -58,9 +58,17 @@ export default {
   },
   methods: {
     fit() { // into the window, once: it would move under the pointer whenever a preview comes
+      if (this.beside === null) return this.leaveBand();
       const { top, bottom } = this.$el.getBoundingClientRect();
       this.raised = Math.max(0, Math.min(bottom + EFFECT + MARGIN - window.innerHeight, top - MARGIN));
       this.most = `${window.innerHeight - MARGIN - top + this.raised}px`; // a longer preview is scrolled
+    },
+    leaveBand() { // no room beside the segment: the band shows it, and the menu is above or below that
+      const frame = this.$el.parentElement.getBoundingClientRect().top;
+      const low = Math.max(frame + BAND, MARGIN), below = window.innerHeight - MARGIN - low, above = frame - 2 * MARGIN;
+      this.most = `${Math.max(below, above)}px`;
+      if (below >= above) this.raised = this.y - (low - frame);
+      else this.bottom = `calc(100% + ${MARGIN}px)`;
     },
     writeTime() { // once: a binding would undo what is being typed whenever the menu is drawn anew
       if (this.$refs.time) this.$refs.time.value = this.shownTime(this.t);
@@ -89,9 +97,16 @@ export default {
     isAtPoint() {
       return this.selected !== null && Math.abs(this.selected - this.t) < NEAR;
     },
+    beside() { // [px] the place nearest to the time where it covers nothing that is previewed; null: there is none
+      const [from, to] = this.kept || [this.x, this.x];
+      const free = [to + BESIDE, from - BESIDE - WIDTH, this.width + BESIDE].filter((left) => left >= 0 && left + WIDTH + MARGIN <= this.room);
+      const away = (left) => Math.max(left - this.x, this.x - left - WIDTH);
+      return free.length ? free.reduce((one, other) => (away(other) < away(one) ? other : one)) : null;
+    },
     place() {
-      const right = this.x + BESIDE, fits = right + WIDTH <= this.width;
-      return { left: `${fits ? right : Math.max(0, this.x - BESIDE - WIDTH)}px`, top: `${this.y - this.raised}px`, maxHeight: this.most };
+      const left = this.beside ?? Math.max(0, Math.min(this.x + BESIDE, this.width - WIDTH));
+      const top = this.bottom === "auto" ? `${this.y - this.raised}px` : "auto";
+      return { left: `${left}px`, top, bottom: this.bottom, maxHeight: this.most };
     },
   },
 };

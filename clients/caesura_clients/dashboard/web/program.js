@@ -49,9 +49,6 @@ export default {
       </div>
       <details v-if="program && program.notes.length" class="program-notes"><summary>Notes: {{ program.notes.length }}</summary>
         <ul class="notes" aria-label="Notes"><li v-for="note in program.notes" :key="note">{{ note }}</li></ul></details>
-      <ul v-if="program && program.findings.length" class="findings" aria-label="Check of the program">
-        <li v-for="[severity, reason] in program.findings" :key="reason" :class="severity">{{ severity }}: {{ reason }}</li>
-      </ul>
       <program-versions v-if="program && program.edits.length" :key="program.session" :edits="program.edits" ref="versions"
         @compare="$emit('compare', $event)"></program-versions>
       <program-parts v-if="program && (program.before || program.after)" :before="program.before" :count="program.apps.length" :after="program.after"
@@ -61,6 +58,9 @@ export default {
           :busy="busy" @edit="(...asked) => sayAt(app.number, ...asked)"></app-card>
       </ol>
       <p v-else class="empty">Nothing taught yet.</p>
+      <ul v-if="program && program.findings.length" class="findings" aria-label="Check of the program">
+        <li v-for="[severity, reason] in program.findings" :key="reason" :class="severity">{{ severity }}: {{ reason }}</li>
+      </ul>
       <details v-if="program && editable" class="app-edit first-app" @toggle="inserts = $event.target.open"><summary>New first app</summary>
         <new-app v-if="inserts" :near="program.before ? null : program.apps[0]" :kinds="program.kinds" :busy="busy" @edit="say"></new-app></details>
       <details v-if="program && program.edits.length" class="edits"><summary>Edits: {{ program.edits.length }}</summary>

@@ -31,7 +31,7 @@ export default {
         <button ref="simulate" class="simulate" :disabled="busy || elsewhere" @click="simulate">{{ busy ? "Simulating…" : "Simulate" }}</button>
         <button v-if="busy" ref="cancel" class="cancel-simulation" aria-label="Cancel simulation" @click="$emit('cancel')">Cancel</button></span>
         <button v-if="run" class="follow-run" :aria-pressed="String(follows)" @click="followRun(!follows)">Simulated run</button>
-        <button v-if="measured" class="show-measured" :aria-pressed="String(showsMeasured)" @click="showsMeasured = !showsMeasured">Measured</button>
+        <button class="show-measured" :disabled="!measured" :aria-pressed="String(showsMeasured)" @click="showsMeasured = !showsMeasured">Measured</button>
         <button class="play-path" @click="play">{{ playing ? "Pause" : "Play" }}</button>
         <label class="path-time">Time in the program <input type="range" :min="range[0]" :max="range[1]" step="0.05" :value="shown"
           @input="go(Number($event.target.value))" :aria-valuetext="words"></label>

@@ -31,14 +31,14 @@ const floating = `
   </form>`;
 
 const signals = `
-  <div v-if="session" class="signals" role="group" aria-label="Signals"><span>Signals</span>
+  <div v-if="session" class="signals" :class="{ absent: !available.length }" role="group" aria-label="Signals"><span>Signals</span>
     <button v-for="one in offered" :key="one.name" :aria-pressed="String(chosen.includes(one.name))" @click="toggle(one.name)">{{ one.name }}</button>
     <button class="run-lengths" :aria-pressed="String(columns !== null)" @click="toggleRunLengths">run lengths</button>
   </div>`;
 
 const time = `
   <div v-if="session" class="scrub">
-    <button class="play" v-if="replay || closed" @click="play">{{ playing ? "Pause" : "Play" }}</button>
+    <button class="play" :disabled="!replay && !closed" :title="replay || closed ? null : 'Once the demonstration is over'" @click="play">{{ playing ? "Pause" : "Play" }}</button>
     <label class="slider">Show until <input type="range" :min="begin" :max="latest().toFixed(1)" step="0.1" :value="shownEnd"
       :aria-valuetext="shownTime(shownEnd, 1) + ' seconds'" @input="scrub"></label>
     <output>{{ shownTime(Math.min(shownEnd, newest), 1) }} of {{ shownTime(newest, 1) }} s</output>
@@ -76,7 +76,7 @@ export const template = `
       @pointerup="released" @pointercancel="released" @wheel.prevent="wheeled" @keydown="key"
       @contextmenu="pointedAt">
       <canvas ref="band" class="band"></canvas>
-      <div ref="panels" class="panels"></div>
+      <div ref="panels" class="panels" :style="{ '--count': chosen.length }"></div>
       <div v-show="columns !== null" class="panel run-lengths-panel"><p class="panel-title"><strong>run length [s]</strong></p>
         <canvas ref="lengths" class="lengths"></canvas></div>
       <i v-if="marked" class="marked" :style="markedStyle"></i>

@@ -174,7 +174,8 @@ export default {
     restart() { // with another session, or after the connection was lost
       this.forgetEffect();
       this.forgetActs();
-      Object.assign(this, empty(), { menu: null, asked: null, relabelled: null, selected: null, cursor: null, ghost: null, end: null, span: 30,
+      const { available } = this; // the panels of the session before stand until the samples of this one are there
+      Object.assign(this, empty(), { available, menu: null, asked: null, relabelled: null, selected: null, cursor: null, ghost: null, end: null, span: 30,
         busy: false, message: this.busy ? "" : this.message, columns: this.columns && [], origin: null, fitted: false });
     },
     fit() { // a session of the past is shown as a whole
@@ -236,7 +237,7 @@ export default {
     },
     arrange() { // other panels, or another width
       if (!this.plots.show(this.panels)) return; // a panel more makes the view higher, and all stays as it is drawn
-      if (this.menu) Object.assign(this.menu, { x: this.scale().x(this.cursor), width: this.$refs.plots.clientWidth });
+      if (this.menu) Object.assign(this.menu, { x: this.scale().x(this.cursor), ...this.spaceOfMenu() });
       this.moved();
     },
 
@@ -344,7 +345,16 @@ export default {
       if (!this.editable || this.session === "") return;
       this.cursor ??= this.within((this.view()[0] + this.shownEnd) / 2);
       this.reveal(this.cursor);
-      this.menu = { x: x ?? this.scale().x(this.cursor), y, width: this.$refs.plots.clientWidth };
+      this.menu = { x: x ?? this.scale().x(this.cursor), y, ...this.spaceOfMenu() };
+    },
+    spaceOfMenu() { // [px] up to where it may reach, and the segments of which a correction is previewed
+      const { left, width } = this.$refs.plots.getBoundingClientRect(), scale = this.scale();
+      const room = document.documentElement.clientWidth - left;
+      const isAtPoint = this.selected !== null && Math.abs(this.selected - this.cursor) < ROUNDED;
+      const rows = [this.segmentAtCursor, isAtPoint && rowAt(this.segments, this.cursor - 2 * ROUNDED)].filter(Boolean);
+      const inPlot = (t) => Math.min(Math.max(scale.x(t), scale.x0), scale.x1);
+      const kept = rows.length ? [inPlot(rows.at(-1)[0]), inPlot(rows[0][1])] : null;
+      return { width, room, kept };
     },
     closeMenu() {
       this.menu = null;

@@ -1,0 +1,152 @@
+"""Nothing moves under the operator's eyes while a demonstration is taught, corrected, stopped and named."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
+pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
+
+from playwright.sync_api import Page, ViewportSize, expect
+
+from dashboard.browser import DESK, PATIENCE_MS, PHONE, UPRIGHT, Visitor, needs_chromium, settled
+from dashboard.operator import Operator
+from dashboard.stage import Stage, StandbyBridge
+from harness.demonstrations import guided
+
+pytestmark = needs_chromium
+expect.set_options(timeout=PATIENCE_MS)
+# What the browser itself reports as moved in the part of the page that does not scroll by itself: in which
+# step, and by how much [px]. What appears or goes outside of the window moves nothing that is seen.
+WATCH = """() => {
+  window.shifts = [];
+  const name = (node) => node && (node.className || node.nodeName);
+  new PerformanceObserver((list) => {
+    for (const { sources } of list.getEntries()) for (const { node, previousRect, currentRect } of sources) {
+      const element = node && (node.closest ? node : node.parentElement);
+      const by = currentRect.y - previousRect.y + currentRect.height - previousRect.height;
+      if (element?.closest(".work") && Math.abs(by) > 1) window.shifts.push([window.step, name(element), by]);
+    }
+  }).observe({ type: "layout-shift" });
+}"""
+# Where each part begins on the page [px].
+PLACES = """() => Object.fromEntries([".desk", ".description", ".signals", ".plots", ".scrub"].map(
+  (part) => [part, Math.round(document.querySelector(part).getBoundingClientRect().y + scrollY)]))"""
+
+
+@pytest.fixture
+def bridge(stage: Stage) -> Iterator[StandbyBridge]:
+    bridge = StandbyBridge(stage)
+    try:
+        bridge.start()
+        yield bridge
+    finally:
+        bridge.kill()
+
+
+class Day:
+    """The steps of a session, and where the parts of the page are after each."""
+
+    def __init__(self, page: Page) -> None:
+        self.page, self.desk = page, page.locator(".desk")
+        self.places: dict[str, dict[str, int]] = {}
+
+    def step(self, name: str) -> None:
+        """The next step begins."""
+        self.page.evaluate("(name) => { window.step = name; }", name)
+
+    def done(self, name: str) -> None:
+        """It has ended: all that it changes is drawn."""
+        settled(self.page)
+        self.page.evaluate("() => new Promise((drawn) => requestAnimationFrame(() => setTimeout(drawn)))")
+        self.places[name] = self.page.evaluate(PLACES)
+
+    def start(self, name: str) -> None:
+        self.step(name)
+        self.desk.locator(".task").press("Enter")
+        expect(self.desk).to_contain_text("Teaching")
+        expect(self.page.locator(".app").first).to_be_visible()
+        self.done(name)
+
+    def correct(self) -> None:
+        self.step("correct")
+        self.page.locator(".plots").press("r")
+        self.page.locator(".correct-menu .insert").click()
+        expect(self.page.locator(".message").first).to_contain_text("Changepoint inserted")
+        self.done("correct")
+
+    def stop(self, name: str) -> None:
+        self.step(name)
+        self.desk.get_by_role("button", name="Stop").click()
+        expect(self.desk).to_contain_text("Ready")
+        expect(self.page.locator("#program-title")).to_contain_text("complete")
+        expect(self.page.locator(".description")).to_contain_text("Last demonstration")
+        self.done(name)
+
+    def name(self) -> None:
+        self.step("name")
+        self.page.locator(".name-task").fill("wipe the table")
+        self.page.locator(".description .yes").click()
+        expect(self.page.locator(".saved")).to_contain_text("Saved.")
+        expect(self.page.locator(".description summary")).to_contain_text("succeeded")
+        self.done("name")
+
+
+@pytest.mark.parametrize("size", [DESK, UPRIGHT, PHONE], ids=["desk", "upright", "phone"])
+def test_no_step_of_a_session_moves_the_plots(
+    stage: Stage, bridge: StandbyBridge, opened: Visitor, size: ViewportSize
+):
+    """The end of a demonstration moved them by 99 px at a desk, 144 on a tablet and 255 on a phone."""
+    opened.begin_again(size)
+    opened.is_called("Ann", stage.dashboard.url)
+    page = opened.page
+    page.goto(f"{stage.dashboard.url}/station/cell-1")
+    expect(page.locator(".desk")).to_contain_text("Ready")
+    day = Day(page)
+    day.start("start")
+    page.evaluate(WATCH)
+    day.correct()
+    day.stop("stop")
+    day.name()
+    day.start("next")
+    day.stop("last stop")
+    assert page.evaluate("() => window.shifts") == []
+    first = day.places["start"]
+    assert {step: places for step, places in day.places.items() if places != first} == {}
+    assert opened.errors == []
+
+
+def test_the_menu_of_corrections_leaves_the_segment_in_sight(stage: Stage, opened: Visitor):
+    """At a desk and on a tablet it covered half of the segment, and on a phone the band."""
+    stage.teach("cell-2", guided(), session="over", pace="fast")
+    stage.wait("cell-2")
+    opened.begin_again(DESK)
+    opened.is_called("Ann", stage.dashboard.url)
+    page = opened.page
+    page.goto(f"{stage.dashboard.url}/sessions/cell-2/over")
+    expect(page.locator(".app").first).to_be_visible()
+    menu, band = page.locator(".correct-menu"), page.locator("canvas.band")
+    for size in (DESK, UPRIGHT, PHONE):
+        page.set_viewport_size(size)
+        operator = Operator.at(page, opened)
+        for t0, tn, *_ in page.evaluate("() => document.querySelector('.plots').plots.state.segments"):
+            band.scroll_into_view_if_needed()
+            x, _ = operator.place((t0 + tn) / 2)
+            (left, _), (right, _) = operator.place(t0), operator.place(tn)
+            row = band.bounding_box()
+            assert row is not None
+            page.mouse.click(x, row["y"] + row["height"] - 4, button="right")
+            page.locator(".correct-menu .is-kind").nth(3).hover()
+            expect(menu.locator(".effect")).to_contain_text("Preview")
+            box = menu.bounding_box()
+            assert box is not None
+            is_beside = box["x"] >= right or box["x"] + box["width"] <= left
+            is_off_band = box["y"] >= row["y"] + row["height"] or box["y"] + box["height"] <= row["y"]
+            assert is_beside or is_off_band, f"{t0} to {tn} s at {size}: {box}, {row}"
+            assert box["y"] >= 0
+            assert box["y"] + box["height"] <= size["height"]
+            menu.press("Escape")
+            expect(menu).to_have_count(0)
+    assert opened.errors == []

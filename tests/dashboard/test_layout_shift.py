@@ -85,6 +85,11 @@ class Day:
         expect(self.page.locator(".description")).to_contain_text("Last demonstration")
         self.done(name)
 
+    def shows_last_app(self) -> bool:
+        """Is the list of apps at its end, as while it grew?"""
+        rest = "(one) => one.scrollHeight - one.clientHeight - one.scrollTop"
+        return int(self.page.locator(".apps").evaluate(rest)) <= 1
+
     def name(self) -> None:
         self.step("name")
         self.page.locator(".name-task").fill("wipe the table")
@@ -109,6 +114,7 @@ def test_no_step_of_a_session_moves_the_plots(
     page.evaluate(WATCH)
     day.correct()
     day.stop("stop")
+    assert day.shows_last_app(), "findings below the list cover it"
     day.name()
     day.start("next")
     day.stop("last stop")

@@ -99,7 +99,8 @@ export default {
       const isOther = now.session !== held.session, typed = this.name.trim();
       if (isOther || typed === this.nameSeen || typed === now.name) this.fillName(now.name); // else what was typed stays
       if (isOther) Object.assign(this, { message: "", sought: null });
-      const follows = !now.complete && !now.after && !held.after && this.isAtEnd();
+      const grows = isOther ? !now.complete : !held.complete; // also at its end, when findings come below the list
+      const follows = grows && !now.after && !held.after && this.isAtEnd();
       this.program = Object.freeze(now); // Vue compares cards and rows by their identity, and looks into none
       if (this.sought !== null && now.editRevision >= this.soughtIn) this.$nextTick(this.find);
       else if (follows) this.$nextTick(this.goToEnd);

@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/dashboard.md: a demonstration that is being taught, and one that has ended and is named.
+"""Draw the pictures of docs/dashboard.md: a demonstration that goes on, and one that has ended and is named.
 
 Usage: python tests/bench/dashboard_pictures.py [--to docs]
 """
@@ -21,9 +21,10 @@ from harness.demonstrations import taught
 TAUGHT_S, AGE_S = 240.0, 62.0  # [s] of the recording; how old its session is at once
 NAMED_AFTER_S = 6.5  # [s] the hand has gone back and rests
 # What goes on is never at rest: the newest half minute is there.
-HAS_SAMPLES = (
-    "() => ((data) => data && data.to - data.from > 25)(document.querySelector('.plots').plots.state.data)"
-)
+HAS_SAMPLES = """() => {
+  const { data } = document.querySelector(".plots").plots.state;
+  return data && data.to - data.from > 25;
+}"""
 
 
 def taught_now(stage: Stage, page: Page, to: Path) -> None:

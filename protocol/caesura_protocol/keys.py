@@ -88,6 +88,49 @@ def parse_service_key(key: str) -> tuple[str, ServicePart]:
     return check_name(instance, "instance"), _part(part, get_args(ServicePart))
 
 
+def expression_matches(expression: str, key: str) -> bool:
+    """Return whether the key expression of a query includes a key of this protocol.
+
+    The time is at most proportional to the product of both lengths. Zenoh's own comparison takes exponential
+    time in the number of `$*`, and holds the interpreter's lock meanwhile.
+
+    >>> expression_matches("caesura/**/s$*/snapshot", "caesura/v1/session/cell-1/s1/snapshot")
+    True
+    """
+    wanted, parts = expression.split("/"), key.split("/")
+    at = place = 0  # in wanted, in parts
+    last, covered = -1, 0  # the last `**`, and the end of the parts that it covers
+    while place < len(parts):
+        if at < len(wanted) and wanted[at] == "**":
+            last, covered, at = at, place, at + 1
+        elif at < len(wanted) and _part_matches(wanted[at], parts[place]):
+            at, place = at + 1, place + 1
+        elif last >= 0:  # it covers one part more
+            covered += 1
+            at, place = last + 1, covered
+        else:
+            return False
+    return all(part == "**" for part in wanted[at:])
+
+
+def _part_matches(wanted: str, part: str) -> bool:
+    """Return whether a part of a key expression includes a part of a key: `*` any, `$*` any letters."""
+    if wanted == "*":
+        return True
+    first, *others = wanted.split("$*")
+    if not others:
+        return wanted == part
+    *between, end = others
+    if not part.startswith(first):
+        return False
+    at = len(first)
+    for text in between:
+        if (found := part.find(text, at)) < 0:
+            return False
+        at = found + len(text)
+    return len(part) - at >= len(end) and part.endswith(end)
+
+
 class ReplayRange(NamedTuple):
     """Batches that a `replay` query requests: `first` to `last`, both included, at most `limit` of them.
 

@@ -74,7 +74,7 @@ class IncomingQuery(Protocol):
         """Send a refusal."""
 
     def matches(self, key: str) -> bool:
-        """Return whether the key of the query intersects another."""
+        """Return whether the key of the query includes a key."""
 
     def drop(self) -> None:
         """End the query for the client."""

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Protocol, Self
 
 from caesura_protocol.codec import Encoded, decode_error
 from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import expression_matches
 from caesura_protocol.transport.inbox import ReceivedSample, TokenChange
 from caesura_protocol.transport.transport_interface import QUERY_TIMEOUT_S, Priority, QueryReplies, unanswered
 
@@ -182,8 +183,8 @@ class MemoryQuestion:
         self.refusals.append(decode_error(*error))
 
     def matches(self, key: str) -> bool:
-        """Return whether the key of the query intersects another."""
-        return intersect(self.key, key)
+        """Return whether the key of the query includes a key."""
+        return expression_matches(self.key, key)
 
     def drop(self) -> None:
         """End the query for the client."""

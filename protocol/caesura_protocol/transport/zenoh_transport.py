@@ -24,6 +24,7 @@ import zenoh
 
 from caesura_protocol.codec import MESSAGE_TYPES, Encoded, decode_error
 from caesura_protocol.errors import CaesuraError, ProtocolError, Unreachable
+from caesura_protocol.keys import expression_matches
 from caesura_protocol.transport.default_endpoint import DEFAULT_ENDPOINT
 from caesura_protocol.transport.diagnosis import diagnose_connection, listener_certificate_end
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
@@ -205,8 +206,8 @@ class ZenohQuestion:
             self._query.reply_err(error.payload, encoding=error.encoding)
 
     def matches(self, key: str) -> bool:
-        """Return whether the key of the query intersects another."""
-        return self._query.key_expr.intersects(key)
+        """Return whether the key of the query includes a key."""
+        return expression_matches(self.key, key)
 
     def drop(self) -> None:
         """End the query for the client."""

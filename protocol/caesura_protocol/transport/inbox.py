@@ -64,6 +64,10 @@ class IncomingQuery(Protocol):
         """The parameters of the query, after its `?`."""
 
     @property
+    def size(self) -> int:
+        """The bytes that the query holds beside its key, without copying them."""
+
+    @property
     def content(self) -> Encoded | None:
         """The payload of the query."""
 

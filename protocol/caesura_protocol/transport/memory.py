@@ -170,6 +170,7 @@ class MemoryQuestion:
         self.key = key
         self.parameters = parameters
         self.content = content
+        self.size = len(parameters) + (0 if content is None else len(content.payload))
         self.replies: list[ReceivedSample] = []
         self.refusals: list[ProtocolError] = []
         self.ended = threading.Event()

@@ -187,7 +187,10 @@ class ZenohQuestion:
     def __init__(self, query: zenoh.Query) -> None:
         self._query = query
         self.key = str(query.key_expr)
-        self.parameters = str(query.parameters)[:MAX_TEXT]
+        parameters = str(query.parameters)
+        self.parameters = parameters[:MAX_TEXT]
+        attached = (query.payload, query.attachment)
+        self.size = len(parameters) + sum(len(one) for one in attached if one is not None)
 
     @cached_property
     def content(self) -> Encoded | None:

@@ -66,6 +66,7 @@ from caesura_service.server.work_queue import QueueSettings, WorkQueue
 logger = logging.getLogger(__name__)
 
 QUERIES = 1024  # that may wait; a quarter of them in one lane
+QUERY_BYTES = 4096  # of its parameters and content; those of Caesura have a few hundred, and no content
 TICK_S = 0.1
 # Of a station's commands and queries that are refused with a reason; others end at once.
 REFUSAL_RATE = Rate(100.0, 200.0)
@@ -274,6 +275,14 @@ class QueryServer(BackgroundThread):
     def _index_of(self, lane: str) -> SessionIndex:
         index = self._registry.index
         return index if lane == UNKNOWN else index.of_station(lane)
+
+
+def size_refusal(query: IncomingQuery) -> ProtocolError | None:
+    """Return the refusal of a query that holds more than QUERY_BYTES while it waits, or None."""
+    if query.size <= QUERY_BYTES:
+        return None
+    why = "the parameters and the content of a query are too long"
+    return ProtocolError("too_large", why, value=query.size, limit=QUERY_BYTES)
 
 
 def too_many_waiting(lane: str) -> ProtocolError:

@@ -46,7 +46,7 @@ from caesura_service.server.network_interface import Incoming, Network, NetworkE
 from caesura_service.server.network_join import DEFAULT_ENDPOINT, Join, NetworkSettings, join, lets_in
 from caesura_service.server.outbound import ResultPublisher, publisher_of, put
 from caesura_service.server.overload_monitor import OverloadMonitor
-from caesura_service.server.query_server import QueryServer, too_many_waiting
+from caesura_service.server.query_server import QueryServer, size_refusal, too_many_waiting
 from caesura_service.server.rate_limit_settings import RateLimits
 from caesura_service.server.router_link import RouterLink
 from caesura_service.server.sample_query_server import SampleServer
@@ -258,7 +258,7 @@ class ZenohServer:
         if self._muted_queries.drops(lane):
             query.drop()
             return
-        refusal = self.budgets.reject_query(lane)
+        refusal = self.budgets.reject_query(lane) or size_refusal(query)
         if refusal is None and not take(query, lane):
             self.budgets.count_refused(lane, "queries")
             refusal = too_many_waiting(lane)

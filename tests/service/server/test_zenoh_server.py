@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import pytest
 
+from caesura_protocol.codec import decode_error
 from caesura_protocol.keys import NOTHING_SAID, service_key, session_key, station_key, with_nothing_said
 from caesura_protocol.messages import (
     Ack,
@@ -24,6 +25,7 @@ from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server import NetworkError
+from caesura_service.server.query_server import QUERY_BYTES
 from caesura_service.sessions.limits import Limits
 from harness.peer import DEADLINE_S, Peer
 from harness.sessions import batch, batches, closing, heartbeat, opening
@@ -106,6 +108,17 @@ def test_the_end_of_an_answer_has_the_number_of_its_replies(peer):
         peer.command(opening(session=session))
     replies, (end,) = peer.get(f"{session_key('*', '*', 'snapshot')}?{NOTHING_SAID}")
     assert (len(list(replies)), end.code, end.value, end.limit) == (2, NOTHING, "test-1", 2)
+
+
+@pytest.mark.parametrize("key", [session_key("cell-1", "*", "snapshot"), station_key("cell-1", "program")])
+@pytest.mark.parametrize("long", ["payload", "attachment", "parameters"])
+def test_a_query_that_brings_more_than_it_needs_does_not_wait_with_it(peer, key, long):
+    """256 of them in a lane, of 1.9 MB each, took 0.9 GB."""
+    given = {long: bytes(QUERY_BYTES + 1)} if long != "parameters" else {}
+    asked = f"{key}?{'a' * (QUERY_BYTES + 1)}" if long == "parameters" else key
+    (reply,) = peer.network.get(asked, timeout=DEADLINE_S, **given)
+    refusal = decode_error(reply.err.payload.to_bytes(), str(reply.err.encoding))
+    assert (refusal.code, refusal.value, refusal.limit) == ("too_large", QUERY_BYTES + 1, QUERY_BYTES)
 
 
 def test_to_an_older_client_it_says_so_without_a_word(peer):

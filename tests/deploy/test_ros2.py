@@ -477,6 +477,35 @@ except KeyboardInterrupt:
     assert (done, lines[:2]) == ((False, "cancelled"), ["app 1", "the arm holds"])
 
 
+HOLDS = """
+import signal, sys
+from pathlib import Path
+try:
+    sys.stdout.buffer.write(b"app \\xff\\n")
+    sys.stdout.flush()
+    signal.pause()
+except KeyboardInterrupt:
+    Path(HELD).touch()
+"""
+
+
+def test_a_line_that_cannot_be_reported_lets_the_script_stop_the_arm(monkeypatch, tmp_path):
+    """It was killed at once, by a lost publisher or by a letter that is no UTF-8: the controller goes on."""
+    held = tmp_path / "held"
+    script = HOLDS.replace("HELD", repr(str(held)))
+    monkeypatch.setattr(running, "WRITERS", {"franky": ProgramWriter("", ".py", lambda program: script)})
+    lines: list[str] = []
+
+    def report(line: str) -> None:
+        lines.append(line)
+        raise RuntimeError("the node is going")
+
+    with pytest.raises(RuntimeError):
+        running.run(as_file(press()), "franky", "10.0.0.9", report, lambda: False, unchecked=True)
+    assert held.exists()
+    assert lines == ["app \ufffd"]
+
+
 def test_a_script_that_does_not_end_where_it_is_cancelled_is_killed(monkeypatch):
     monkeypatch.setattr(running, "STOPS_S", 0.1)
     script = """

@@ -97,24 +97,32 @@ def _run_python(text: str, folder: Path, host: str, report: Report, is_cancelled
         command,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
-        text=True,
+        encoding="utf-8",
+        errors="replace",
         start_new_session=True,  # Ctrl-C at the node reaches it once: a second one would cut its stop short
     ) as child:
-        over, lines = threading.Event(), [""]
-        watching = threading.Thread(target=_end_if_cancelled, args=(child, is_cancelled, over))
+        over, failed, last = threading.Event(), threading.Event(), ""
+        watching = threading.Thread(
+            target=_end_if_cancelled, args=(child, lambda: failed.is_set() or is_cancelled(), over)
+        )
         watching.start()
         try:
             for line in child.stdout or ():
-                lines.append(line.rstrip())
-                report(lines[-1])
+                last = line.rstrip()
+                report(last)
             code = child.wait()
+        except BaseException:  # it still moves its robot
+            failed.set()
+            with suppress(subprocess.TimeoutExpired):
+                child.communicate(timeout=LOOK_S + STOPS_S)
+            raise
         finally:
             over.set()
             child.kill()
             watching.join()
     if code < 0:
         return Ran(False, "cancelled" if is_cancelled() else f"ended by signal {-code}")
-    return Ran(code == 0, "done" if code == 0 else lines[-1])
+    return Ran(code == 0, "done" if code == 0 else last)
 
 
 def _end_if_cancelled(child: subprocess.Popen[str], is_cancelled: IsCancelled, over: threading.Event) -> None:

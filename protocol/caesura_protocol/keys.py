@@ -89,7 +89,7 @@ def parse_service_key(key: str) -> tuple[str, ServicePart]:
 
 
 def expression_matches(expression: str, key: str) -> bool:
-    """Return whether the key expression of a query includes a key of this protocol.
+    """Return whether the key expression of a query includes a key of this protocol, with `*` any of the keys.
 
     The time is at most proportional to the product of both lengths. Zenoh's own comparison takes exponential
     time in the number of `$*`, and holds the interpreter's lock meanwhile.
@@ -115,7 +115,7 @@ def expression_matches(expression: str, key: str) -> bool:
 
 def _part_matches(wanted: str, part: str) -> bool:
     """Return whether a part of a key expression includes a part of a key: `*` any, `$*` any letters."""
-    if wanted == "*":
+    if "*" in (wanted, part):
         return True
     first, *others = wanted.split("$*")
     if not others:

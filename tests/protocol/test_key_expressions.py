@@ -14,7 +14,7 @@ PARTS = st.one_of(
     LETTERS, st.just("*"), st.just("**"), st.lists(st.sampled_from(["$*", "a", "b"]), min_size=1)
 )
 EXPRESSIONS = st.lists(PARTS.map("".join), min_size=1, max_size=5).map("/".join)
-KEYS = st.lists(LETTERS, min_size=1, max_size=5).map("/".join)
+KEYS = st.lists(LETTERS | st.just("*"), min_size=1, max_size=5).map("/".join)
 LIMIT_S = 0.001  # of a comparison, as of refusing
 
 

@@ -78,7 +78,7 @@ class IncomingQuery(Protocol):
         """Send a refusal."""
 
     def matches(self, key: str) -> bool:
-        """Return whether the key of the query includes a key."""
+        """Return whether the key of the query includes a key, or with `*` any of the keys."""
 
     def drop(self) -> None:
         """End the query for the client."""

@@ -184,7 +184,7 @@ class MemoryQuestion:
         self.refusals.append(decode_error(*error))
 
     def matches(self, key: str) -> bool:
-        """Return whether the key of the query includes a key."""
+        """Return whether the key of the query includes a key, or with `*` any of the keys."""
         return expression_matches(self.key, key)
 
     def drop(self) -> None:

@@ -209,7 +209,7 @@ class ZenohQuestion:
             self._query.reply_err(error.payload, encoding=error.encoding)
 
     def matches(self, key: str) -> bool:
-        """Return whether the key of the query includes a key."""
+        """Return whether the key of the query includes a key, or with `*` any of the keys."""
         return expression_matches(self.key, key)
 
     def drop(self) -> None:

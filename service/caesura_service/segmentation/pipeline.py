@@ -41,6 +41,7 @@ from caesura_service.program import (
     TOLERANCE_RAD,
     Gaps,
     GripperAction,
+    Moment,
     Paths,
     ProgramSegment,
     left_out_note,
@@ -327,13 +328,20 @@ class SegmentationPipeline:
             opening.path_tolerance_rad or TOLERANCE_RAD,
         )
         return IncrementalProgramBuilder(
-            self._history.moment,
+            self._history.moment if self._in_use.contact_models else self._moment_without_force,
             self._preset.least_segment_s,
             paths,
             opening.force_limit_n,
             limited=self._limited if self._heeded.limits_forces else None,
             up=opening.up or UP,
         )
+
+    def _moment_without_force(self, t: float) -> Moment:
+        """Return the robot's state at a time [s] without its force, which may be a guiding hand's.
+
+        Otherwise the program would take a change of the hand's force on what is carried for a contact.
+        """
+        return replace(self._history.moment(t), force=None)
 
     def _begin(self, *, tared: bool) -> None:
         layout = self._conditioner.layout

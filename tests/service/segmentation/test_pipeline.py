@@ -271,6 +271,24 @@ def test_a_time_that_goes_back_is_refused_with_its_place(taught: Recording):
         segment_recording(replace(taught, t=taught.t - back))
 
 
+def test_a_hand_in_an_estimate_makes_no_press_of_what_is_carried(taught: Recording) -> None:
+    """Contacts were not looked for, and yet the change of a hand's force was a stroke, which pulled."""
+    carried = (taught.t > 4.3) & (taught.t < 5.6)
+    pushed = taught.signals["force"] + np.outer(carried, (12.0, 0.0, 0.0))
+    estimate = replace(changed(taught, force=pushed), wrench_source="joint_torque_estimate")
+    made = segmented(estimate)
+    assert [app.kind for app in made.apps] == [
+        "cartesian_motion",
+        "grasp",
+        "hold",
+        "transport",
+        "transport",
+        "hold",
+        "gripper_move",
+        "cartesian_motion",
+    ]
+
+
 COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz", "gripper")
 
 

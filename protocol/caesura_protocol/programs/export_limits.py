@@ -10,6 +10,7 @@ from caesura_protocol.app_force_limit import LEAST_FORCE_N, exerted_forces, is_p
 from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.messages import App
 from caesura_protocol.programs.checks.preconditions import order_findings
+from caesura_protocol.programs.checks.value_ranges import absurd_numbers
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.robots import RobotDescription
@@ -73,12 +74,15 @@ def within_robot(acceleration: float, robot: RobotDescription | None) -> float:
 def refuse_beyond_limits(program: ProgramFile) -> None:
     """Raise ValueError for an app beyond the limits of position, force or load, or without a precondition.
 
+    It is raised, too, for a number that no app can have, whatever the limits of the cell.
     A press needs a contact before it: otherwise it would begin at any position of the arm. A carry needs a
     grasp: otherwise the robot would compensate a load that it does not have.
     """
     safety = program.safety
     for index, app in enumerate(program.apps):
         name = app_name(index, app.kind)
+        for one in absurd_numbers(index, app):
+            raise ValueError(f"{name}: {one.reason}")
         _refuse_incomplete(name, app)
         _refuse_outside(name, app, safety)
         force, most = max((one.newton for one in exerted_forces(app)), default=0.0), safety.force_n

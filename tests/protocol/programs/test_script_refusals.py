@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from caesura_protocol.messages import App
+from caesura_protocol.messages import App, RestForce
 from caesura_protocol.programs.checks import order_findings
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.franky_script import franky_script
@@ -37,6 +37,24 @@ def test_a_press_without_a_direction_is_refused(write: Callable[[ProgramFile], s
     touch, pressed, away = press()
     with pytest.raises(ValueError, match=r"app 2 .apply force.: force 0 N, expected one with a direction"):
         write(as_file((touch, pressed.model_copy(update={"force": (0.0, 0.0, 0.0)}), away)))
+
+
+@pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script])
+def test_a_press_with_a_force_that_no_app_can_have_is_refused(write: Callable[[ProgramFile], str]):
+    # Without a limit of the cell, scripts were written with MAX_FORCE_N = 1e9.
+    touch, pressed, away = press()
+    said = r"app 2 .apply force.: force is .*, expected 3 numbers, finite and below 1e\+06"
+    with pytest.raises(ValueError, match=said):
+        write(as_file((touch, pressed.model_copy(update={"force": (0.0, 0.0, -1e9)}), away)))
+
+
+@pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script])
+def test_a_rest_of_a_stroke_with_a_force_that_no_app_can_have_is_refused(write: Callable[[ProgramFile], str]):
+    touch, stroke = wiped()
+    rest = RestForce(newton=1e9, newton_taught=1e9)
+    said = "app 2 .apply force.: rest_before.newton is 1000000000.0, expected a number, finite and below 1e"
+    with pytest.raises(ValueError, match=said):
+        write(as_file((touch, stroke.model_copy(update={"rest_before": rest}))))
 
 
 @pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script])

@@ -66,7 +66,7 @@ def value_findings(apps: Sequence[App], safety: Safety) -> list[Finding]:
     """Find numbers of each app that are missing, not finite or out of range."""
     found: list[Finding] = []
     for index, app in enumerate(apps):
-        wrong = list(_non_finite(index, app))
+        wrong = list(absurd_numbers(index, app))
         found += wrong or [
             *_missing(index, app),
             *_out_of_range(index, app, safety),
@@ -81,16 +81,23 @@ def value_findings(apps: Sequence[App], safety: Safety) -> list[Finding]:
 
 def are_numbers_finite(apps: Sequence[App]) -> bool:
     """Whether every number of the apps is finite, and every vector complete."""
-    return not any(True for index, app in enumerate(apps) for _ in _non_finite(index, app))
+    return not any(True for index, app in enumerate(apps) for _ in absurd_numbers(index, app))
 
 
-def _non_finite(index: int, app: App) -> Iterator[Finding]:
+def absurd_numbers(index: int, app: App) -> Iterator[Finding]:
+    """Yield an error for each number of an app that is not finite, or larger than any, and for each vector of
+    another length.
+
+    index: of the app in its program, from 0.
+    """
     given: list[tuple[str, Any, Sequence[int]]] = [
         (name, getattr(app, name), WIDTHS.get(name, ONE)) for name in NUMBERS
     ]
     if app.screw is not None:
         numbers = ((name, WIDTHS_OF_SCREW.get(name, ONE)) for name in NUMBERS_OF_SCREW)
         given += [(f"screw.{name}", getattr(app.screw, name), widths) for name, widths in numbers]
+    rests = (("rest_before", app.rest_before), ("rest_after", app.rest_after))
+    given += [(f"{name}.newton", rest.newton, ONE) for name, rest in rests if rest is not None]
     if app.path is not None:
         parts: list[tuple[str, AppPath | ViaPoint, Sequence[str]]] = [("path", app.path, NUMBERS_OF_PATH)]
         parts += [(place, point, NUMBERS_OF_POINT) for place, point in _points(app.path)]

@@ -57,7 +57,12 @@ from caesura_service.segmentation.corrections import (
 from caesura_service.segmentation.encoded_log import EncodedMessageLog, MessageSequence
 from caesura_service.segmentation.finalized_segments import SegmentEntry
 from caesura_service.segmentation.incremental_program_builder import IncrementalProgramBuilder
-from caesura_service.segmentation.input_notes import frozen_note, standing_notes, wrench_report
+from caesura_service.segmentation.input_notes import (
+    frozen_note,
+    standing_notes,
+    too_fast_note,
+    wrench_report,
+)
 from caesura_service.segmentation.observation_store import ObservationStore, holding
 from caesura_service.segmentation.opening_layout import arm_of, robot_of, sample_layout
 from caesura_service.segmentation.pipeline_interface import Pipeline, PipelineView
@@ -192,6 +197,7 @@ class SegmentationPipeline:
         self._program, self._looked = self._growing(), _NEVER
         self._lost = False  # the next gap was declared, not seen
         self._frozen: float | None = None  # [s] when a hint first named a force that does not change
+        self._too_fast: float | None = None  # [s] when a hint first named a path that the poses miss
         self._began = math.inf  # [s] first sample
         self._finished = False
         self._program_part: dict[str, Any] = {"apps": (), "notes": (), "unapplied": {}}  # of the view
@@ -397,8 +403,9 @@ class SegmentationPipeline:
             self._keep_up()
             give_way()
         if self._frozen is None:
-            frozen = (hint.since for hint in self._coach.log.hints if hint.kind == "frozen_force")
-            self._frozen = next(frozen, None)
+            self._frozen = self._first_hint_s("frozen_force")
+        if self._too_fast is None:
+            self._too_fast = self._first_hint_s("too_fast")
         happened, count = self._happened(), self._division.online.count
         due = self._finished or count >= looked.observations + LOOK_EVERY
         if not due and happened.is_like(looked.happened):
@@ -411,6 +418,10 @@ class SegmentationPipeline:
             self._view = self._look(happened)
         else:
             self._view = self._look(happened, program=False)
+
+    def _first_hint_s(self, kind: str) -> float | None:
+        """Return the time [s] of the first hint of a kind on signals among those kept; None without one."""
+        return next((hint.since for hint in self._coach.log.hints if hint.kind == kind), None)
 
     def _keep_up(self) -> None:
         """Store the settled segments once there are many."""
@@ -565,6 +576,8 @@ class SegmentationPipeline:
             notes.append(doubt)
         if self._frozen is not None and self._in_use.contact_models:
             notes.append(frozen_note(self._frozen))
+        if self._too_fast is not None:
+            notes.append(too_fast_note(self._too_fast))
         if self._gaps.all:
             notes.append(self._gaps.note(self._began))
         if anew := self._heeded.anew:

@@ -32,6 +32,7 @@ from caesura_service.segmentation.pipeline_interface import PipelineView
 from caesura_service.segmentation.segmenter import Segmenter
 from caesura_service.signals.sample_layout import SIGNALS
 from caesura_service.signals.wrench_capabilities import FORCE_FRAMES, HANDS_ON_ROBOT, WRENCH_SOURCES
+from harness.demonstrations import guided
 from harness.segmentations import segmented
 from service.streams import pieces
 
@@ -287,6 +288,24 @@ def test_a_hand_in_an_estimate_makes_no_press_of_what_is_carried(taught: Recordi
         "gripper_move",
         "cartesian_motion",
     ]
+
+
+def test_shaking_that_ten_poses_a_second_miss_is_a_note() -> None:
+    """Up to 9.7 mm of it were in no app, and nothing stated that."""
+    still = guided()
+    shaken_s = np.arange(600) / 200
+    beside = np.clip(np.minimum(shaken_s - 0.3, 2.5 - shaken_s) / 0.2, 0.0, 1.0)
+    aside = 0.02 * beside * np.sin(2.0 * np.pi * 5.0 * shaken_s + 0.4)
+    t = np.arange(still.t.size + 600) / 200
+    signals = {
+        name: np.vstack([values, np.repeat(values[-1:], 600, axis=0)])
+        for name, values in still.signals.items()
+    }
+    signals["pos"][still.t.size :, 0] += aside
+    said = "The hand moved too fast for ten poses a second, first at "
+    notes = segmented(replace(still, t=t, signals=MappingProxyType(signals))).notes
+    assert [note.startswith(said) for note in notes].count(True) == 1
+    assert not any(note.startswith(said) for note in segmented(still).notes)
 
 
 COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz", "gripper")

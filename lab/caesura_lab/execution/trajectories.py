@@ -128,10 +128,17 @@ def _braked(curve: Curve, arriving: Array) -> Curve:
 def arrival_speed(app: App, approach: Array, position: Array, safety: Safety) -> float:
     """Return the speed [m/s] at which a contact is met: low, and no higher than its approach needs.
 
-    approach: (3,) the direction of the contact; position: (3,) [m] where the app begins.
+    approach: (3,) the direction of the contact; position: (3,) [m] where the app begins. The approach begins
+    at the via point that is furthest from the contact, if the app lifts off before.
     """
-    way_m = 0.0 if app.target is None else float(approach @ (app.target - position))
-    fits = ARRIVING_SHARE * way_m / max(app.tn - app.t0, LEAST_S)
+    way_m, seconds = 0.0 if app.target is None else float(approach @ (app.target - position)), app.tn - app.t0
+    if app.path is not None and app.target is not None and app.path.via:
+        ways = [float(approach @ np.subtract(app.target, via.position)) for via in app.path.via]
+        furthest = int(np.argmax(ways))
+        if ways[furthest] > way_m:
+            way_m, path = ways[furthest], app.path
+            seconds *= (path.tn - path.via[furthest].t) / (path.tn - path.start.t)
+    fits = ARRIVING_SHARE * way_m / max(seconds, LEAST_S)
     return min(max(fits, LEAST_SEARCH_M_PER_S), safety.contact_speed_m_per_s)
 
 

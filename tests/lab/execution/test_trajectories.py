@@ -8,8 +8,9 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 from tests.harness.programs import DOWN, app, path_from
 
-from caesura_lab.execution.trajectories import BRAKE_M_PER_S2, SLOW_M, app_path
+from caesura_lab.execution.trajectories import BRAKE_M_PER_S2, SLOW_M, app_path, arrival_speed
 from caesura_protocol.messages import AppPath, ViaPoint
+from caesura_protocol.programs.safety import DEFAULT
 from caesura_protocol.reproduced_path import Curve
 from caesura_protocol.rotations import matrix_of, quaternion_of, turning_of
 
@@ -121,3 +122,12 @@ def test_the_robot_gets_onto_a_path_whose_first_via_point_is_soon_in_position_an
     assert left[-1] == pytest.approx(0.0, abs=1e-9)
     assert np.diff(left).min() > -0.02 * off
     assert curve.peaks()[1] < 2.0 * off / 0.3
+
+
+def test_a_movement_that_lifts_off_first_meets_a_contact_no_slower_than_one_that_only_comes_down() -> None:
+    """Its way up was subtracted from its way down, so it met the contact with 10 mm/s in place of 30 mm/s."""
+    start, end = (0.4, -0.1, 0.2), (0.4, 0.1, 0.2)
+    over = ViaPoint(t=0.4, position=(0.4, 0.0, 0.26), orientation=DOWN)
+    lifts = app("move_to_contact", 0.0, 1.0, end, path=path_from(start, 0.0, 1.0, 0.24, via=(over,)))
+    down = np.array([0.0, 0.0, -1.0])
+    assert arrival_speed(lifts, down, np.array(start), DEFAULT) == DEFAULT.contact_speed_m_per_s

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 TICK_S = 1e-3
 UNLIMITED = 1e3  # [m/s, m/s²]
+# Places added near both ends, in steps of the way: a law that turns back just before its end crept to it.
+NEAR_ENDS = np.array([0.1, 0.25, 0.5, 1.5])
 
 
 class TimeLawError(ValueError):
@@ -52,11 +54,13 @@ def fastest(planned: Planned, ceiling: Ceiling) -> tuple[Array, Array]:
 
     Raises TimeLawError.
     """
-    way, ends_at = ceiling.places, ceiling.ends_at
+    ends_at = ceiling.ends_at
+    near = NEAR_ENDS * (planned.way[1] - planned.way[0])
+    way = np.unique(np.concatenate([ceiling.places, planned.way[0] + near, planned.way[-1] - near]))
     path = toppra.SplineInterpolator(planned.way, np.column_stack([planned.values, planned.way]))
 
     def limits(place: float) -> Array:
-        highest = np.append(planned.velocity, np.interp(place, way, ceiling.speeds))
+        highest = np.append(planned.velocity, np.interp(place, ceiling.places, ceiling.speeds))
         return np.column_stack([-highest, highest])
 
     constraints = [

@@ -55,7 +55,7 @@ FINE = 200  # looks at a leg of the taught path
 PLACES = 2000  # at which two paths are compared
 KNOT_M, FEWEST, MOST = 0.004, 40, 80  # of the way, between two inverse kinematics; how many of them
 VIA_S, MOST_VIA, LEAST_LEGS = 0.016, 60, 2  # between two via points; legs between two changes of sign
-LAST_S = 0.08  # between the last via point and a contact, whose speed is the executor's
+LAST_S = 0.06  # between the last via point and a contact, whose speed is the executor's
 LEAST_RISE_S, MOST_RISE_S = 0.02, 0.15  # over which a law is averaged first
 MEETS_S = 0.06  # likewise, at most, of a movement to a contact
 SMOOTH_S = 0.03  # over which it is averaged then, at most
@@ -70,7 +70,7 @@ STEP, FAR = 0.04, 1.3  # by which it gets slower at least; a factor from which o
 REACH_M = 1e-3  # from the start of the path
 OFF_M, OFF_RAD = 1e-3, math.radians(0.5)  # from the taught path to the re-timed one
 FINGERS_DOWN = (1.0, 0.0, 0.0, 0.0)
-SMOOTHED = 0.7  # of what a path may be off; the rest is for the via points that lead along it
+SMOOTHED = 0.8  # of what a path may be off; the rest is for the via points that lead along it
 SMOOTHNESS = -10.0, 1.0  # decimal logarithms of the least and the largest weight of a smoothing [m³]
 HALVINGS = 8  # rounds in which the largest weight is found that is near enough
 LOOKS, FIXED = 2, 1e6  # at a path between two knots; weight of its ends
@@ -310,7 +310,8 @@ def _smoothed(places: Array, poses: Array, left_m: float, left_rad: float) -> Cu
     """Return the smoothest path within a distance [m] and an angle [rad] of poses (k, 7).
 
     places: (k,) their lengths [m], evenly spaced. It begins and ends at the first and the last pose. Its
-    smoothness is one weight of its second derivatives. They are γ at the places, and the values there are
+    smoothness is a weight of its second derivatives, one for positions and one for turns: with a common one
+    the turn trembled on where the position reached its distance. They are γ at the places, and the values are
     poses - weight W⁻¹ Q γ, with (R + weight Qᵀ W⁻¹ Q) γ = Qᵀ poses (Reinsch 1967).
     scipy's make_smoothing_spline gives the same path; with it some programs take more than 200 ms to time.
     """
@@ -323,21 +324,21 @@ def _smoothed(places: Array, poses: Array, left_m: float, left_rad: float) -> Cu
     across[0, 2:], across[1, 1:] = across[0, :-2].copy(), across[1, :-1].copy()
     along = step * np.array([[0.0], [1.0 / 6.0], [2.0 / 3.0]])
 
-    def smoothed(weight: float) -> Array:
-        bends = np.pad(solveh_banded(along + weight * across, bent), ((2, 2), (0, 0)))
-        return np.asarray(poses - weight * loose[:, None] * np.diff(bends, 2, axis=0) / step)
+    def smoothed(weight: float, columns: slice) -> Array:
+        bends = np.pad(solveh_banded(along + weight * across, bent[:, columns]), ((2, 2), (0, 0)))
+        return np.asarray(poses[:, columns] - weight * loose[:, None] * np.diff(bends, 2, axis=0) / step)
 
-    def is_near(path: Array) -> bool:
-        off = path - poses
-        apart, turned = (np.linalg.norm(part, axis=1).max() for part in (off[:, :3], 2.0 * off[:, 3:]))
-        return bool(apart <= left_m and turned <= left_rad)
+    def nearest(columns: slice, left: float) -> Array:
+        least, most = SMOOTHNESS
+        for _ in range(HALVINGS):
+            weight = 0.5 * (least + most)
+            off = smoothed(10.0**weight, columns) - poses[:, columns]
+            near = np.linalg.norm(off, axis=1).max() <= left
+            least, most = (weight, most) if near else (least, weight)
+        return smoothed(10.0**least, columns)
 
-    least, most = SMOOTHNESS
-    for _ in range(HALVINGS):
-        middle_weight = 0.5 * (least + most)
-        near = is_near(smoothed(10.0**middle_weight))
-        least, most = (middle_weight, most) if near else (least, middle_weight)
-    return CubicSpline(places, smoothed(10.0**least), bc_type="natural")
+    parts = [nearest(slice(0, 3), left_m), nearest(slice(3, None), 0.5 * left_rad)]
+    return CubicSpline(places, np.hstack(parts), bc_type="natural")
 
 
 def _planned(way: _Way, limits: MotionLimits, most_rise_s: float) -> Planned:

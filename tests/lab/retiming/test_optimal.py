@@ -125,6 +125,28 @@ def test_a_path_that_trembles_is_smoothed_as_far_as_its_tolerance_leaves_room(ro
     assert aside_m[2] > 4e-4
 
 
+def test_a_turn_that_trembles_is_smoothed_although_the_position_leaves_no_room(robot: Robot) -> None:
+    """One weight smoothed both, so the trembles of the turn stayed: it took 1.76 s in place of 1.01 s."""
+    program = _trembling(0.0001, 0.00195)
+    (one,) = program.apps
+    assert one.path is not None
+    via = []
+    for k, point in enumerate(one.path.via, start=1):
+        assert point.orientation is not None
+        x, y, z, w = point.orientation
+        cosine, sine = float(np.cos(0.002)), float(np.sin(0.002)) * (-1) ** k
+        turned = (x * cosine + y * sine, y * cosine - x * sine, z * cosine + w * sine, w * cosine - z * sine)
+        via.append(point.model_copy(update={"orientation": turned}))
+    path = one.path.model_copy(update={"via": tuple(via)})
+    seconds = []
+    for app in (one, one.model_copy(update={"path": path})):
+        fast = optimal(as_file((app,)), robot=robot)
+        assert fast.timing is not None
+        assert fast.timing.retimed == (0,)
+        seconds.append(fast.apps[0].tn - fast.apps[0].t0)
+    assert seconds[1] < 1.4 * seconds[0]
+
+
 def test_a_movement_that_turns_back_just_before_its_end_does_not_creep_there() -> None:
     """The law had no place within the last 4 mm, so it took 0.73 s in place of 0.64 s."""
     arm = load_robot("ur10e")

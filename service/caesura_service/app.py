@@ -93,7 +93,7 @@ class Service:
             self.status,
             lambda: self.ready,
             self._edge.budgets.budgets_of,
-            lambda: self._edge.is_linked,
+            lambda: self._edge.router_fault,
             certificate_end(self.config.network),
         )
         self.web = (
@@ -139,9 +139,12 @@ class Service:
         """The time at which the service's certificate expires [s since 1970]; None without a certificate."""
         return self._observed.certificate_end
 
-    def check_link(self) -> None:
-        """Raise NetworkError if only a new process can get a link to the router again."""
-        self._edge.check_link()
+    def check_link(self, since_s: float) -> None:
+        """Raise NetworkError if only a new process can get a link to the router again.
+
+        since_s: [s] since the last call.
+        """
+        self._edge.check_link(since_s)
 
     def status(self) -> ServiceStatus:
         """Return the status of the service."""
@@ -166,7 +169,7 @@ def run_service(
             gc.freeze()  # what is loaded by now stays: looking through it again would hold up every station
             ready(service)
             while not over.wait(_WAKE_S):  # a signal that another thread took does not wake this one
-                service.check_link()
+                service.check_link(_WAKE_S)
     except NetworkError:
         if not over.is_set():
             raise

@@ -21,6 +21,7 @@ import typer
 
 from caesura_service.server import NetworkSettings
 from caesura_service.server.network_join import join
+from caesura_service.server.router_watch import RouterWatch, router_watch
 
 logger = logging.getLogger(__name__)
 
@@ -165,7 +166,7 @@ def run_instances(
     are ready; silence_s: time without a heartbeat after which an instance is killed. Raises NetworkError or
     InstanceError if one never became ready.
     """
-    with _router(network, over) as endpoint, ExitStack() as stack:
+    with _router(network, over) as (endpoint, watch), ExitStack() as stack:
         wake = threading.Event()
         instances = []
         for place, name in enumerate(names):
@@ -178,6 +179,8 @@ def run_instances(
         if _all_ready(instances, wake, over):
             ready(endpoint)
         while not over.wait(LOOK_S):
+            if watch is not None:
+                watch.look(LOOK_S)
             for instance in instances:
                 instance.look()
 
@@ -218,16 +221,17 @@ def beating(is_alive: Callable[[], bool]) -> Iterator[None]:
 
 
 @contextmanager
-def _router(network: NetworkSettings, over: threading.Event) -> Iterator[str]:
+def _router(network: NetworkSettings, over: threading.Event) -> Iterator[tuple[str, RouterWatch | None]]:
     """Yield the endpoint of the configured router, or of the one that this process runs during the
-    context.
+    context, and the watch of the latter.
     """
     if network.connect is not None:
-        yield network.connect
+        yield network.connect, None
         return
     session, endpoint = join(network, over)
     try:
-        yield endpoint
+        with router_watch(session, "router") as watch:
+            yield endpoint, watch
     finally:
         session.close()
 

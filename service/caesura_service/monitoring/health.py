@@ -2,7 +2,7 @@
 
 Alive: the process answers, and the worker thread completes its loop. A replay at the start must not lead to a
 restart, so the service counts as alive until it is ready. Ready: it has joined the network, has declared its
-keys, has a link to its router, and is not shutting down.
+keys, is not shutting down, and its router works: there is a link to it, and it accepts declarations.
 """
 
 from __future__ import annotations
@@ -30,11 +30,10 @@ def liveness(source: MetricsSource, clock: Callable[[], float] = time.monotonic)
 
 def readiness(source: MetricsSource) -> Health:
     """Return whether the service has joined the network."""
-    if source.can_be_found:
-        return Health(True)
-    if source.is_ready():
-        return Health(False, "the router is gone: trying until it is back")
-    return Health(False, "not joined: replaying its journal, waiting for a router, or leaving")
+    if not source.is_ready():
+        return Health(False, "not joined: replaying its journal, waiting for a router, or leaving")
+    fault = source.router_fault()
+    return Health(True) if fault is None else Health(False, fault)
 
 
 def http_server_of(address: str, source: MetricsSource) -> HttpServer:

@@ -38,14 +38,14 @@ class MetricsSource:
     status: Callable[[], ServiceStatus]
     is_ready: Callable[[], bool]  # has it joined the network, and can it be found?
     budgets: Callable[[str], StationBudgets]  # of a station
-    is_linked: Callable[[], bool] = lambda: True  # is there a link to the router that it has joined?
+    router_fault: Callable[[], str | None] = lambda: None  # why its router does not work
 
     certificate_end: float | None = None  # [s since 1970] of what it shows
 
     @property
     def can_be_found(self) -> bool:
-        """Whether the service has joined the network, and its router is reachable."""
-        return self.is_ready() and self.is_linked()
+        """Whether the service has joined the network, and its router works."""
+        return self.is_ready() and self.router_fault() is None
 
 
 # (metric, help text, getter), of each station

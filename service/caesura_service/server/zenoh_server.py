@@ -49,6 +49,7 @@ from caesura_service.server.overload_monitor import OverloadMonitor
 from caesura_service.server.query_server import QueryServer, size_refusal, too_many_waiting
 from caesura_service.server.rate_limit_settings import RateLimits
 from caesura_service.server.router_link import RouterLink
+from caesura_service.server.router_watch import WHY_STUCK, RouterWatch, router_watch
 from caesura_service.server.sample_query_server import SampleServer
 from caesura_service.server.station_manager import StationManager
 from caesura_service.server.station_subscriptions import StationSubscriptions
@@ -87,6 +88,7 @@ class ZenohServer:
         # Once entered, the real one, with its port.
         self.endpoint = network.connect or network.listen or DEFAULT_ENDPOINT
         self._link = RouterLink(partial(lets_in, network))  # once it has joined
+        self._router: RouterWatch | None = None  # of the own router, once it has joined
         self._registry = registry
         self._owner = owner
         self._settings = network
@@ -143,6 +145,8 @@ class ZenohServer:
             stack.callback(self._collector.release_all)
             stack.callback(subscriptions.close)
             self._announce(stack, network)
+            if self._settings.connect is None:
+                self._router = stack.enter_context(router_watch(network, self._owner.instance))
             self._stack = stack.pop_all()
         return self
 
@@ -152,12 +156,19 @@ class ZenohServer:
         self._stack.close()
 
     @property
-    def is_linked(self) -> bool:
-        """Whether there is a link to the router that it has joined."""
-        return self._link.is_up
+    def router_fault(self) -> str | None:
+        """The reason for which clients cannot reach the instance by its router; None if they can."""
+        if not self._link.is_up:
+            return "the router is gone: trying until it is back"
+        return WHY_STUCK if self._router is not None and self._router.is_stuck else None
 
-    def check_link(self) -> None:
-        """Raise NetworkError if the router rejects this instance, and accepts other sessions."""
+    def check_link(self, since_s: float) -> None:
+        """Raise NetworkError if the router rejects this instance, and accepts other sessions.
+
+        since_s: [s] since the last call.
+        """
+        if self._router is not None:
+            self._router.look(since_s)
         if self._link.is_kept_out():
             raise NetworkError(
                 f"{self.endpoint} lets other sessions in and keeps this one out: another client has its "

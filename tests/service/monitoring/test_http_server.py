@@ -35,9 +35,13 @@ from caesura_service.monitoring.metrics import MetricsSource, ServiceCollector
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server import NetworkError
 from caesura_service.server.budgets import Budgets
+from caesura_service.server.network_interface import Channel, Incoming
 from caesura_service.server.rate_limit_settings import RateLimits
+from caesura_service.server.router_watch import PAUSE_S, STUCK_S, WHY_STUCK
+from caesura_service.server.zenoh_network import ZenohNetwork
 from clients.conftest import free_port
 from harness.peer import Peer
+from harness.processes import eventually
 from harness.sessions import batch, closing, opening
 
 DEADLINE_S = 30.0
@@ -129,6 +133,30 @@ def test_it_is_alive_and_not_ready_while_it_waits_for_a_router_and_gone_once_it_
         waiting.join(DEADLINE_S)
     with pytest.raises(urllib.error.URLError):
         get(f"{url}/healthz")
+
+
+def test_a_service_whose_router_accepts_no_declaration_is_not_ready(monkeypatch: pytest.MonkeyPatch):
+    accepts, declare = threading.Event(), ZenohNetwork.declare_subscriber
+
+    def declared(network: ZenohNetwork, key: str, capacity: int) -> Channel[Incoming]:
+        if key.endswith("/watch"):
+            accepts.wait()
+        return declare(network, key, capacity)
+
+    monkeypatch.setattr(ZenohNetwork, "declare_subscriber", declared)
+    config = ServiceConfig(listen="tcp/127.0.0.1:0", preset="fake", metrics="127.0.0.1:0")
+    try:
+        with Service(config, pipeline_factory=make_fake_pipeline) as service:
+            service.check_link(STUCK_S)
+            assert get(f"{service.web.url}/readyz")[0] == 200
+            service.check_link(PAUSE_S)
+            assert get(f"{service.web.url}/readyz") == (503, f"{WHY_STUCK}\n")
+            assert scrape(service)["caesura_ready", ""] == 0
+            assert get(f"{service.web.url}/healthz")[0] == 200, "stations that are served go on"
+            accepts.set()
+            eventually(lambda: service.check_link(0.0) or get(f"{service.web.url}/readyz")[0] == 200)
+    finally:
+        accepts.set()
 
 
 def test_a_worker_that_does_not_come_round_is_not_alive(service):

@@ -54,14 +54,14 @@ def test_an_instance_whose_id_a_station_has_taken_ends_and_comes_in_with_another
                 taken = _id_of_the_instance(tmp_path, at_router)
                 line.flows = False
                 line.cut()
-                eventually(lambda: not service._edge.is_linked)
+                eventually(lambda: service._edge.router_fault is not None)
                 hostile = opened(tmp_path / "bridge.cell-1.json5", **at_router, id=taken)
                 try:
                     line.flows = True
                     with pytest.raises(NetworkError, match="keeps this one out: another client"):
                         running.result(DEADLINE_S)
                     with Service(config, pipeline_factory=make_fake_pipeline) as again:
-                        assert again._edge.is_linked
+                        assert again._edge.router_fault is None
                         assert _id_of_the_instance(tmp_path, at_router) != taken
                 finally:
                     hostile.close()

@@ -148,7 +148,7 @@ class ProgramEdit(Message):
     at: Seconds  # [s] time of day (UTC)
     action: Annotated[ProgramChange, ShortTag]
     state: EditState
-    reason: str | None = None  # why it is not applied; of an applied one which app has other times by now
+    reason: str | None = None  # why it is not applied; of an applied one which app has changed since
     apps: Annotated[
         Listed[App], Field(max_length=MAX_PART_APPS)
     ] = ()  # of `replace_part`: as they were taught

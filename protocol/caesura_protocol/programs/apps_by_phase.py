@@ -12,12 +12,13 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from caesura_protocol.app_kinds import app_name, app_number
 from caesura_protocol.errors import CaesuraError
-from caesura_protocol.messages import App, Phase, PhaseName
+from caesura_protocol.messages import App, Phase, PhaseName, ProgramEdit, ReplacePart
 from caesura_protocol.number_words import interval
-from caesura_protocol.programs.app_time_shifts import is_taught_again
+from caesura_protocol.programs.app_time_shifts import part_of
 
 LONGEST_NAME = 64  # [characters], as the field says
 AppNumber = Annotated[int, Field(ge=0)]
+Time = tuple[float, float]  # from, to [s]
 
 
 class Group(BaseModel):
@@ -63,19 +64,23 @@ def groups_by_first(groups: Sequence[Group], count: int) -> dict[int, Group]:
     return found
 
 
-def groups_of(apps: Sequence[App], phases: Sequence[Phase]) -> tuple[Group, ...]:
+def groups_of(
+    apps: Sequence[App], phases: Sequence[Phase], edits: Sequence[ProgramEdit] = ()
+) -> tuple[Group, ...]:
     """Return a group for each phase that has apps, named as the phase is, or by kind and number: `contact 1`.
 
     An app belongs to the phase of its first segment; one without segments to the phase at its time. A part
-    that was taught again belongs to the group around it. There is no group for a single phase, or for one
-    whose apps no longer follow each other after edits.
+    that was taught again belongs to the phase with most of the time of the apps that it replaces. There is no
+    group for a single phase, or for one whose apps no longer follow each other after edits.
+
+    edits: of the program, oldest first.
     """
     groups: list[Group] = []
     if len(phases) < 2:
         return ()
     phases = tuple(phases)  # stored ones are decoded once
     counts: Counter[str] = Counter()
-    owners = _phases_of(apps, phases)
+    owners = _phases_of(apps, phases, edits)
     for number, phase in enumerate(phases):
         members = [index for index, owner in enumerate(owners) if owner == number]
         counts[phase.kind] += bool(members)
@@ -105,16 +110,30 @@ def ungrouped_notes(apps: Sequence[App], phases: Sequence[Phase]) -> Iterator[st
             yield f"Phase {number + 1} ({called}) at {when} s is no group of the program: {why}."
 
 
-def divided_notes(apps: Sequence[App], phases: Sequence[Phase]) -> tuple[str, ...]:
-    """Return a note on each phase that is no group because edits put other apps between its apps."""
+def edited_group_notes(
+    apps: Sequence[App], phases: Sequence[Phase], edits: Sequence[ProgramEdit] = ()
+) -> Iterator[str]:
+    """Yield a note on each phase that is no group because of edits.
+
+    They put other apps between its apps, or replaced all of them, and it has a name. edits: of the program,
+    oldest first.
+    """
     phases = tuple(phases)  # stored ones are decoded once
-    owners = _phases_of(apps, phases)
-    return tuple(
-        f"Phase {number + 1} ({phase.name or phase.kind}) is no group of the program: "
-        "apps of another one were put between its apps."
-        for number, phase in enumerate(phases)
-        if _is_divided(owners, number)
-    )
+    owners = _phases_of(apps, phases, edits)
+    replaced_by = {
+        number: (edit, _main_phase(phases, time))
+        for edit, time in _replaced_times(edits).items()
+        for number in _shares(phases, time)
+    }
+    for number, phase in enumerate(phases):
+        why = ""
+        if _is_divided(owners, number):
+            why = "apps of another one were put between its apps"
+        elif phase.name is not None and number not in owners and number in replaced_by:
+            edit, main = replaced_by[number]
+            why = f"edit {edit} replaced what was taught in its time, and more of phase {(main or 0) + 1}"
+        if why:
+            yield f"Phase {number + 1} ({phase.name or phase.kind}) is no group of the program: {why}."
 
 
 def renamed(groups: Sequence[Group], names: Sequence[str]) -> tuple[Group, ...]:
@@ -147,11 +166,14 @@ def _is_divided(owners: Sequence[int | None], number: int) -> bool:
     return bool(members) and bool({*owners[members[0] : members[-1]]} - {number, None})
 
 
-def _phases_of(apps: Sequence[App], phases: Sequence[Phase]) -> list[int | None]:
+def _phases_of(
+    apps: Sequence[App], phases: Sequence[Phase], edits: Sequence[ProgramEdit] = ()
+) -> list[int | None]:
     """Return the number of the last phase that begins no later than each app. phases: in order.
 
-    None for an app that was taught again, whose time is that of another session. Without edits the numbers
-    rise: an app without segments may begin before the one before it ends.
+    The times of an app that was taught again are those of another session: its phase is that of the part, or
+    None for a part of unknown time. Without edits the numbers rise: an app without segments may begin before
+    the one before it ends.
     """
     firsts, starts = [one.first_segment for one in phases], [one.t0 for one in phases]
     begun = (
@@ -161,4 +183,34 @@ def _phases_of(apps: Sequence[App], phases: Sequence[Phase]) -> list[int | None]
     owners = [max(count - 1, 0) for count in begun]
     if not any(app.changes for app in apps):
         return [*accumulate(owners, max)]
-    return [None if is_taught_again(app) else owner for app, owner in zip(apps, owners, strict=True)]
+    parts = {edit: _main_phase(phases, time) for edit, time in _replaced_times(edits).items()}
+    edit_of = map(part_of, apps)
+    return [owner if edit is None else parts.get(edit) for edit, owner in zip(edit_of, owners, strict=True)]
+
+
+def _replaced_times(edits: Sequence[ProgramEdit]) -> dict[int, Time]:
+    """Return the time that each part that was taught again had at first, by the number of its edit.
+
+    A part may replace apps of an earlier one: it has the time of that one.
+    """
+    times: dict[int, Time] = {}
+    for edit in edits:
+        action = edit.action
+        if isinstance(action, ReplacePart) and edit.state == "applied":
+            begins, ends = (
+                times.get(one.added or 0, (one.t0, one.tn)) for one in (action.first, action.last)
+            )
+            times[edit.number] = begins[0], ends[1]
+    return times
+
+
+def _shares(phases: Sequence[Phase], time: Time) -> dict[int, float]:
+    """Return how long each phase that a time overlaps does so [s], by the numbers of the phases."""
+    shares = {i: min(one.tn, time[1]) - max(one.t0, time[0]) for i, one in enumerate(phases)}
+    return {number: seconds for number, seconds in shares.items() if seconds > 0.0}
+
+
+def _main_phase(phases: Sequence[Phase], time: Time) -> int | None:
+    """Return the number of the phase that overlaps a time longest; None without one."""
+    shares = _shares(phases, time)
+    return max(shares, key=lambda number: shares[number], default=None)

@@ -22,7 +22,7 @@ from caesura_protocol.app_kinds import APP_KINDS, Precondition, app_name
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import MAX_GAPS, App, Gap, Name, Phase, Program, TaskName, Up, WrenchReport
 from caesura_protocol.programs.app_time_shifts import edited_times
-from caesura_protocol.programs.apps_by_phase import Group, divided_notes, groups_of
+from caesura_protocol.programs.apps_by_phase import Group, edited_group_notes, groups_of
 from caesura_protocol.programs.default_safety import re_targeted, safety_for
 from caesura_protocol.programs.document_timing import ProgramTiming
 from caesura_protocol.programs.safety import DEFAULT, Safety
@@ -130,12 +130,12 @@ def document(program: Program, safety: Safety | None = None, phases: Sequence[Ph
         safety=safety,
         units=dict(UNITS if times is None else UNITS_EDITED),
         apps=apps,
-        notes=(*program.notes, *divided_notes(program.apps, phases)),
+        notes=(*program.notes, *edited_group_notes(program.apps, phases, program.edits)),
         gaps=program.gaps if times is None else times.gaps,
         name=program.name,
         edits=program.edit_revision,
         wrench=program.wrench,
-        groups=groups_of(program.apps, phases),
+        groups=groups_of(program.apps, phases, program.edits),
         robot=program.robot,
         up=program.up,
     )

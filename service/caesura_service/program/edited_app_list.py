@@ -232,8 +232,22 @@ class EditedAppList:
         begins = self._at(first).inferred  # an app that an edit added is named by that edit, at any time
         later_s = (part.first.t0 if begins.added is None else begins.t0) - edit.apps[0].t0
         self._replacing.add(edit.number)
+        self._state_lost_values([self._at(index) for index in range(first, last + 1)], edit)
         self._take_out(first, last + 1, edit)
         self._put(first, [self._taught_again(app, later_s, edit) for app in edit.apps])
+
+    def _state_lost_values(self, items: Sequence[EditedApp], edit: ProgramEdit) -> None:
+        """State in earlier edits that this one replaces apps whose values they set."""
+        lost: dict[int, list[str]] = {}
+        for item in items:
+            app = item.inferred
+            replaced = f"edit {edit.number} replaced '{app_title(app.kind)}' at {_seconds(app)}"
+            for number in {mark.edit for mark in item.marks if mark.field in item.values}:
+                lost.setdefault(number, []).append(replaced)
+        for index, one in enumerate(self.known):
+            if one.number in lost:
+                reasons = filter(None, (one.reason, *lost[one.number]))
+                self.known[index] = one.model_copy(update={"reason": "; ".join(reasons)})
 
     def _taught_again(self, app: App, later_s: float, edit: ProgramEdit) -> EditedApp:
         """Return an app of another session, at times of this one and within the force limit of its cell.

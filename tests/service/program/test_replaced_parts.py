@@ -50,6 +50,20 @@ def test_a_part_is_replaced_and_every_app_outside_stays_byte_for_byte():
     assert [one.state for one in after.edits] == ["applied", "applied"]
 
 
+def test_an_edit_of_an_app_that_is_taught_again_is_named():
+    # A force that an operator had lowered was the taught one again, and the edit was listed as applied.
+    first, last = press()[0], press()[1]
+    change = ChangeApp(app=ref(last), force_n=4.0, name="the pump")
+    part = ReplacePart(first=ref(last), last=ref(last), session="s2")
+    made = edited(press(), ChangeApp(app=ref(first), name="reach"), change, part, again=press()[1:2])
+    assert made.apps[1].name is None
+    assert [one.state for one in made.edits] == ["applied"] * 3
+    (note,) = [one for one in made.notes if "replaced" in one]
+    assert note == "Edit 2 by Ann (change) is applied: edit 3 replaced 'apply force' at 2.60 to 4.20 s."
+    back = log(change, part, Undo(), again=press()[1:2])
+    assert not with_edits(program(press()), back).notes
+
+
 def test_new_apps_begin_where_the_part_began_and_keep_their_durations():
     new = edited(taught(), PART, again=AGAIN).apps[1:3]
     assert [(one.t0, one.tn) for one in new] == [

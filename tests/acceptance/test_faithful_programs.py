@@ -113,7 +113,7 @@ def test_a_turn_in_place_is_an_app(tmp_path: Path) -> None:
     assert "rad/s at joint 7 in its" in fast["reason"]
     lost = tmp_path / "lost.json"
     lost.write_text(program.model_copy(update={"apps": (without_turn(turned), moved)}).as_json())
-    assert re.search(r"rotation of (89|90)° taught at [34]\.", said(lost))
+    assert re.search(r"rotation of (89|90)\.\d° taught at [34]\.", said(lost))
 
 
 def without_turn(app: Any) -> Any:
@@ -201,6 +201,35 @@ def test_what_is_lost_stands_in_every_table_page_and_script(tmp_path: Path) -> N
     }
     lost = re.compile(r"2\d mm of way taught at [0-9.]+–[0-9.]+ s are in no app")
     assert [name for name, text in outputs.items() if not lost.search(" ".join(text.split()))] == []
+
+
+def there_and_back(t0: float, tn: float) -> Array:
+    middle = 0.5 * (t0 + tn)
+    return eased(t0, middle) * (1.0 - eased(middle, tn))
+
+
+@pytest.mark.parametrize(
+    ("up_m", "turn", "named"),
+    [
+        (0.004 * there_and_back(4.8, 5.8), None, []),
+        (0.03 * there_and_back(5.0, 5.4), None, ["30.2 mm off the straight way and back at 5.1–5.3 s"]),
+        (0.008 * there_and_back(4.0, 6.8), None, ["8.0 mm off the straight way and back at 4.8–6.0 s"]),
+        (None, math.radians(4.5) * there_and_back(4.8, 5.8), ["4.5° off the straight way and back"]),
+        (None, math.radians(1.5) * eased(4.5, 5.5), []),
+        (None, math.radians(2.4) * eased(4.5, 5.5), ["rotation of 2.4° taught at 3"]),
+        (None, math.radians(2.4) * eased(9.0, 9.6), ["2.4° at 8", "after the path of the last app"]),
+    ],
+)
+def test_a_way_that_no_app_has_is_named(
+    tmp_path: Path, up_m: Array | None, turn: Array | None, named: list[str]
+) -> None:
+    """A hand that shook by 30 mm in a rest, or turned the tool by 4.5° and back: nothing was said of it."""
+    way = place(0.4, 0.0, 0.3)
+    way[:, 1] += 0.2 * eased(1.5, 3.5) + 0.2 * eased(7.0, 8.8)
+    way[:, 2] += 0.0 if up_m is None else up_m
+    found = said(segmented(tmp_path, recording(way, turn)))
+    assert [text for text in named if text not in found] == []
+    assert bool(named) == ("no app" in found)
 
 
 @pytest.mark.parametrize("moving", [True, False])

@@ -9,7 +9,7 @@ from caesura_service.program.edited_app_list_cache import EditedAppListCache
 from caesura_service.program.gaps import Gaps, observed_share
 from caesura_service.program.joined_movements import is_end_of_movement
 from caesura_service.program.joined_strokes import may_end_movement
-from caesura_service.program.left_out import BEGINS_MOVING, ENDS_MOVING, left_out_note
+from caesura_service.program.left_out import BEGINS_MOVING, ENDS_MOVING, detours, left_out_note
 from caesura_service.program.missed_finger_motion import missed_finger_motion
 from caesura_service.program.paths import Paths
 from caesura_service.program.program_segment import (
@@ -40,6 +40,7 @@ __all__ = [
     "at_edit",
     "away_from_contacts",
     "check_applies",
+    "detours",
     "holds",
     "is_end_of_movement",
     "kept_steps",

@@ -1,8 +1,9 @@
-"""Parts of a demonstration that are in no app: motion at both of its ends, and touches.
+"""Parts of a demonstration that are in no app: motion at both of its ends, detours, and touches.
 
-Motion between two apps is found from their paths (`caesura_protocol.programs.checks.fidelity`). Motion before
-the first app and after the last one, and a contact that is too short for an app, are not. So a note of the
-program states them, and whether the demonstration began or ended while the flange moved.
+Motion from one app to the next is found from their paths (`caesura_protocol.programs.checks.fidelity`).
+Motion before the first app and after the last one, a way out and back between two paths, and a contact that
+is too short for an app, are not. So a note of the program states them, and whether the demonstration began or
+ended while the flange moved.
 """
 
 from __future__ import annotations
@@ -10,19 +11,27 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby, pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from caesura_protocol.app_kinds import APP_KINDS, ends_in_contact
 from caesura_protocol.messages import App, Segment, Vector
-from caesura_protocol.number_words import fixed, interval
-from caesura_protocol.programs.checks.fidelity import STEPPED_M, STEPPED_RAD
+from caesura_protocol.number_words import fixed, interval, reads_above
+from caesura_protocol.programs.checks.fidelity import STEPPED_M, STRAYED_M, STRAYED_RAD
 from caesura_protocol.programs.program_gripper import GRIPS
-from caesura_protocol.rotations import angle_between
+from caesura_protocol.rotations import align_signs, angle_between
 from caesura_protocol.up_direction import UP
 from caesura_service.constants import GRAVITY
 from caesura_service.program.carried_loads import hangs
+from caesura_service.program.paths import PosesBetween
 from caesura_service.program.program_segment import PUSHES_BACK_N, Moment, MomentAt, length
 
-NAMED = 5  # touches in a note, the strongest ones
+NAMED = 5  # touches in a note, the strongest ones, and detours, the widest ones
+BLOCK_S = 60.0  # of a rest that is read at once
+Array = NDArray[np.float64]
+
 LEFT_OUT = "Taught and in no app: "
 BEGINS_MOVING = "The recording begins in motion: the way to where the program begins was not seen."
 ENDS_MOVING = "The recording ends in motion: the program stops where it was seen last."
@@ -33,16 +42,16 @@ def left_out_note(
     apps: Sequence[App],
     moment_at: MomentAt,
     up: Vector = UP,
-    fingers: Iterable[str] = (),
+    others: Iterable[str] = (),
 ) -> str | None:
     """Return a note on the parts of a finished demonstration in no app.
 
     None if there are none, or none are known. apps: as they were inferred, in time order; up: away from
-    gravity, base frame; fingers: texts on their motion in no app.
+    gravity, base frame; others: texts on other parts, as of `detours`.
     """
     if not segments or not apps:
         return None
-    said = [*_at_the_ends(segments, apps, moment_at), *_touches(segments, apps, up), *fingers]
+    said = [*_at_the_ends(segments, apps, moment_at), *_touches(segments, apps, up), *others]
     return f"{LEFT_OUT}{'; '.join(said)}. Teach it again where the robot is to do it." if said else None
 
 
@@ -66,8 +75,133 @@ def _moved(one: Moment, other: Moment) -> str:
     if one.orientation is not None and other.orientation is not None:
         turned = angle_between(one.orientation, other.orientation)
     parts = [f"{fixed(1000 * metres, 0)} mm"] if metres > STEPPED_M else []
-    parts += [f"{math.degrees(turned):.0f}°"] if turned > STEPPED_RAD else []
+    parts += [f"{_degrees(turned)}°"] if _has_turned(turned) else []
     return " and ".join(parts)
+
+
+def _has_turned(radians: float) -> bool:
+    return reads_above(math.degrees(radians), math.degrees(STRAYED_RAD), 1)
+
+
+def _degrees(radians: float) -> str:
+    return fixed(math.degrees(radians), 1)
+
+
+class _Detour(NamedTuple):
+    """Observations off the straight way between two poses, furthest off by so much."""
+
+    began: float  # [s]
+    ended: float  # [s]
+    off_m: float
+    off_rad: float
+
+    def joined_to(self, before: _Detour) -> _Detour:
+        off_m, off_rad = max(self.off_m, before.off_m), max(self.off_rad, before.off_rad)
+        return _Detour(before.began, self.ended, off_m, off_rad)
+
+    @property
+    def size(self) -> float:
+        return max(self.off_m / STRAYED_M, self.off_rad / STRAYED_RAD)
+
+    @property
+    def text(self) -> str:
+        parts = [f"{fixed(1000 * self.off_m, 1)} mm"] if self.off_m > STRAYED_M else []
+        parts += [f"{_degrees(self.off_rad)}°"] if self.off_rad > STRAYED_RAD else []
+        return (
+            f"{' and '.join(parts)} off the straight way and back at {interval(self.began, self.ended, 1)} s"
+        )
+
+
+def detours(apps: Sequence[App], poses_between: PosesBetween, began: float, ended: float) -> Iterator[str]:
+    """Yield text on where the hand left the straight way and came back, while no app has a path.
+
+    There the robot stands, goes straight to the next path, or pushes straight to its target.
+
+    apps: as they were inferred, in time order; poses_between: as of `Paths`; began, ended: of the
+    demonstration [s].
+    """
+    found = [
+        one
+        for t0, tn, pushes in _parts_without_path(apps, began, ended)
+        for one in _detours_between(poses_between, t0, tn, turns_only=pushes)
+    ]
+    widest = sorted(found, key=lambda one: one.size)[-NAMED:]
+    yield from (one.text for one in found if one in widest)
+    if rest := len(found) - len(widest):
+        yield f"{rest} lesser detours"
+
+
+def _parts_without_path(
+    apps: Sequence[App], began: float, ended: float
+) -> Iterator[tuple[float, float, bool]]:
+    """Yield the times [s] between which no app has a path, and whether an app pushes straight meanwhile."""
+    t = began
+    for app in apps:
+        pushes = app.off_straight_m is not None
+        if app.path is not None or pushes:
+            begins, ends = (app.t0, app.tn) if app.path is None else (app.path.start.t, app.path.tn)
+            yield t, begins, False
+            if pushes:
+                yield begins, ends, True
+            t = max(t, ends)
+    yield t, ended, False
+
+
+def _detours_between(poses_between: PosesBetween, t0: float, tn: float, *, turns_only: bool) -> list[_Detour]:
+    """Return the detours from the straight way between the poses at two times [s].
+
+    turns_only: without those of the position.
+    """
+    found: list[_Detour] = []
+    if tn <= t0:
+        return found
+    first, last = poses_between(t0, t0)[1][0], poses_between(tn, tn)[1][-1]
+    for begin in np.arange(t0, tn, BLOCK_S).tolist():
+        times, poses = poses_between(begin, min(begin + BLOCK_S, tn))
+        for one in _detours_in(times, *_off_straight(poses, first, last, turns_only=turns_only)):
+            goes_on = found and one.began <= found[-1].ended
+            found = [*found[:-1], one.joined_to(found[-1])] if goes_on else [*found, one]
+    return found
+
+
+def _detours_in(times: Array, off_m: Array, off_rad: Array) -> Iterator[_Detour]:
+    """Yield each run of observations that are off the straight way by more than a limit, all (n,)."""
+    away = np.round(off_m, 4) > STRAYED_M
+    away |= np.round(np.degrees(off_rad), 1) > math.degrees(STRAYED_RAD)
+    edges = np.flatnonzero(np.diff(away.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    for low, high in edges.tolist():
+        off = float(off_m[low:high].max()), float(off_rad[low:high].max())
+        yield _Detour(float(times[low]), float(times[high - 1]), *off)
+
+
+def _off_straight(poses: Array, first: Array, last: Array, *, turns_only: bool) -> tuple[Array, Array]:
+    """Return how far (n,) [m] and by which angles (n,) [rad] poses are off the straight way between two.
+
+    0 for angles that are not known.
+    """
+    off_m = off_rad = np.zeros(len(poses))
+    if not turns_only:
+        off_m = np.linalg.norm(_off_line(poses[:, :3], first[:3], last[:3]), axis=1)
+    if poses.shape[1] == len(first) == len(last) == 7:
+        off_rad = _off_turn(poses[:, 3:], first[3:], last[3:])
+    return off_m, off_rad
+
+
+def _off_line(points: Array, first: Array, last: Array) -> Array:
+    """Return the vectors (n, c) to points (n, c) from their nearest places between two others (c,)."""
+    away, step = points - first, last - first
+    share = np.clip(away @ step / max(float(step @ step), 1e-18), 0.0, 1.0)
+    return away - share[:, None] * step
+
+
+def _off_turn(quaternions: Array, first: Array, last: Array) -> Array:
+    """Return the angles (n,) [rad] of quaternions (n, 4) from the turn between two others (4,)."""
+    turned = np.vstack([first, quaternions, last])
+    align_signs(turned)
+    nearest = turned[1:-1] - _off_line(turned[1:-1], turned[0], turned[-1])
+    cosine = np.vecdot(turned[1:-1], nearest) / np.linalg.norm(nearest, axis=1)
+    angles: Array = 2.0 * np.arccos(np.minimum(cosine, 1.0))
+    return angles
 
 
 def _touches(segments: Sequence[Segment], apps: Sequence[App], up: Vector) -> Iterator[str]:

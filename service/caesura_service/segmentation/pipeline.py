@@ -44,6 +44,7 @@ from caesura_service.program import (
     Moment,
     Paths,
     ProgramSegment,
+    detours,
     left_out_note,
     missed_finger_motion,
 )
@@ -557,8 +558,9 @@ class SegmentationPipeline:
             return
         if self._moves(1):
             yield BEGINS_MOVING
+        ways = detours(apps, self._history.poses, segments[0].t0, segments[-1].tn)
         fingers = missed_finger_motion(*self._history.openings(), self._grips)
-        if note := left_out_note(segments, apps, self._history.moment, self._program.up, fingers):
+        if note := left_out_note(segments, apps, self._history.moment, self._program.up, (*ways, *fingers)):
             yield note
         if self._moves(len(self._history) - 1):
             yield ENDS_MOVING

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
@@ -62,6 +63,18 @@ def test_the_time_of_lost_motion_begins_where_the_target_was_reached_and_not_whe
     press = app("apply_force", 1.0, 1.4, there(0.2), force=(0.0, 0.0, -8.0), force_taught=(0.0, 0.0, -8.0))
     met = FIRST.model_copy(update={"kind": "move_to_contact"})
     assert [reason for index, reason in found(met, press, SECOND, THIRD) if index == 2] == [TAUGHT]
+
+
+@pytest.mark.parametrize(("degrees", "said"), [(1.9, []), (2.04, []), (2.2, ["2.2"]), (2.9, ["2.9"])])
+def test_a_turn_between_two_apps_is_named_from_the_angle_on_that_a_path_may_be_off(
+    degrees: float, said: list[str]
+):
+    # Below 3° nothing was said, and an executed path is within 2°.
+    half = math.radians(0.5 * degrees)
+    before, after = (0.0, 0.0, 0.0, 1.0), (math.sin(half), 0.0, 0.0, math.cos(half))
+    second = move(1.5, there(0.2), there(0.4), orientation=after)
+    reasons = [reason for _, reason in found(move(0.0, there(0.1), there(0.2), before), second)]
+    assert reasons == [f"rotation of {one}° taught at 1.0–1.5 s is in no app" for one in said]
 
 
 @pytest.mark.parametrize(("off_m", "said"), [(None, []), (0.0048, []), (0.0073, ["7.3"])])

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from caesura_protocol.messages import Segment
-from caesura_service.program import Paths, left_out_note
+from caesura_protocol.messages import App, Segment
+from caesura_service.program import Paths, detours, left_out_note
+from harness.programs import app, move
 from service.program.segments import GRASP, moment_at, program, segment
 
 TEACH_AGAIN = ". Teach it again where the robot is to do it."
@@ -99,3 +103,70 @@ def test_the_weight_of_what_is_lifted_is_no_contact_that_is_lost(force, grips, i
     )
     found = left_out_note(segments, program(*segments, grips=grips), moment_at)
     assert ("a contact of" in (found or "")) == is_named
+
+
+# --- detours ------------------------------------------------------------------------------------------------
+
+A, B, C = (0.4, 0.0, 0.3), (0.4, 0.1, 0.3), (0.4, 0.2, 0.3)
+TIMES = np.arange(0.0, 300.0, 0.1)
+
+
+def led(
+    *bumps: tuple[float, float, float], turns: tuple[tuple[float, float, float], ...] = ()
+) -> NDArray[np.float64]:
+    """Poses (n, 7) of a hand that moves from A to B in the first second and to C in the last one.
+
+    bumps: from, to [s] and how far off [m], upwards; turns: likewise [rad], about the vertical.
+    """
+    y = 0.1 * np.clip(TIMES, 0.0, 1.0) + 0.1 * np.clip(TIMES - (TIMES[-1] - 1.0), 0.0, 1.0)
+    up, half = np.zeros((2, TIMES.size))
+    for t0, tn, metres in bumps:
+        up[(t0 <= TIMES) & (tn >= TIMES)] = metres
+    for t0, tn, radians in turns:
+        half[(t0 <= TIMES) & (tn >= TIMES)] = 0.5 * radians
+    zero = np.zeros(TIMES.size)
+    return np.column_stack([zero + 0.4, y, 0.3 + up, zero, zero, np.sin(half), np.cos(half)])
+
+
+def found(poses: NDArray[np.float64], *between: App) -> list[str]:
+    """The detours of a program that moves in the first and in the last second."""
+
+    def poses_between(t0: float, tn: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        first, last = (int(np.abs(TIMES - t).argmin()) for t in (t0, tn))
+        return TIMES[first : last + 1], poses[first : last + 1]
+
+    ended = float(TIMES[-1])
+    apps = (move(0.0, A, B), *between, move(ended - 1.0, B, C))
+    return list(detours(apps, poses_between, 0.0, ended))
+
+
+def test_a_detour_between_two_paths_is_named_with_its_time_however_long_the_rest_is():
+    assert found(led((0.0, 0.9, 0.05))) == []  # in the path of an app
+    assert found(led((20.05, 21.0, 0.0049))) == []
+    assert found(led((20.05, 21.0, 0.0072))) == ["7.2 mm off the straight way and back at 20.1–21.0 s"]
+    assert found(led((250.05, 250.15, 0.02))) == ["20.0 mm off the straight way and back at 250.1 s"]
+
+
+def test_a_detour_of_the_turn_is_named_also_in_a_press_that_pushes_straight():
+    # How far a press leaves the straight way is stated by its app.
+    press = app("apply_force", 10.0, 40.0, B, force=(0.0, 0.0, -8.0), off_straight_m=0.006)
+    turned = led((20.05, 21.0, 0.006), turns=((20.05, 21.0, math.radians(2.6)),))
+    assert found(turned, press) == ["2.6° off the straight way and back at 20.1–21.0 s"]
+    assert found(turned) == ["6.0 mm and 2.6° off the straight way and back at 20.1–21.0 s"]
+    assert found(led(turns=((20.05, 21.0, math.radians(1.9)),))) == []
+
+
+def test_a_drift_along_the_straight_way_is_no_detour():
+    # The robot goes straight to the next path, and turns on its way there.
+    poses = led(turns=((0.0, 400.0, 0.0),))
+    share = np.linspace(0.0, 1.0, TIMES.size)
+    poses[:, 2] += 0.03 * share
+    poses[:, 5], poses[:, 6] = np.sin(0.4 * share), np.cos(0.4 * share)
+    assert found(poses) == []
+
+
+def test_of_many_detours_the_widest_are_named():
+    texts = found(led(*((10.0 * k + 0.05, 10.0 * k + 1.0, 0.001 * (5 + k)) for k in range(1, 8))))
+    assert [text.split(" ")[0] for text in texts] == ["8.0", "9.0", "10.0", "11.0", "12.0", "2"]
+    assert texts[-1] == "2 lesser detours"
+    assert found(led((60.05, 62.0, 0.01))) == ["10.0 mm off the straight way and back at 60.1–62.0 s"]

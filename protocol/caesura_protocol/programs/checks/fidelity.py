@@ -45,7 +45,8 @@ EDITED: Mapping[str, Callable[[App], str]] = {  # text on an edit that changes w
     "added": lambda app: "added",
 }
 SWAYED_M = 0.005  # a press that is held sways by less: 98 of 100 simulated ones
-STEPPED_M, STEPPED_RAD = 0.01, math.radians(3.0)  # a hand at rest drifts by less (docs/programs.md)
+STEPPED_M = 0.01  # a hand at rest drifts by less (docs/programs.md)
+STRAYED_M, STRAYED_RAD = 0.005, math.radians(2.0)  # an executed path keeps closer to the taught one
 
 
 @dataclass(frozen=True)
@@ -181,9 +182,9 @@ def _motion_before(pose: ViaPoint | None, app: App) -> Iterator[Reason]:
         reason = f"{fixed(1000 * moved, 0)} mm of way taught at {when} are in no app: {then}"
         yield (reason, moved, STEPPED_M)
     turned = _orientation_change(pose, start)
-    if turned > STEPPED_RAD:
-        degrees = math.degrees(turned)
-        yield (f"rotation of {degrees:.0f}° taught at {when} is in no app", turned, STEPPED_RAD)
+    if reads_above(math.degrees(turned), math.degrees(STRAYED_RAD), 1):
+        degrees = fixed(math.degrees(turned), 1)
+        yield (f"rotation of {degrees}° taught at {when} is in no app", turned, STRAYED_RAD)
 
 
 def _follows(app: App) -> bool:

@@ -105,3 +105,4 @@ class App(Message):
     aslant: Vector | None = None  # [N] of a press: what the robot would exert for 1 s in another direction
     moved_m_per_s: Amount | None = None  # of fingers that acted in motion: speed of the flange then
     turned_rad_per_s: Amount | None = None  # likewise: its rate of turn
+    stronger_n: Amount | None = None  # [N] of a press: the largest force over 0.1 s, if it is another one

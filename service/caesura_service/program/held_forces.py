@@ -1,4 +1,4 @@
-"""Finds what else was pressed in a press: a weaker force, or one in another direction."""
+"""Finds what else was pressed in a press: a weaker or stronger force, or one in another direction."""
 
 from __future__ import annotations
 
@@ -49,6 +49,15 @@ def weaker_force(felt: Array, force: Vector, looks: int) -> float | None:
     weak = newtons[(newtons >= PUSHES_BACK_N) & (newtons <= most_n)]
     lasting = weak.size * looks >= VARIED_LOOKS * newtons.size
     return float(np.median(weak)) if lasting else None
+
+
+def stronger_force(felt: Array, newton: float) -> float | None:
+    """Return the size [N] of the largest force that was pressed, where it is another one than `newton` [N].
+
+    One observation suffices: it is a mean over 0.1 s. felt: (n, 3) [N].
+    """
+    most = float(np.linalg.norm(felt, axis=1).max(initial=0.0))
+    return most if most >= newton + UNLIKE_N else None
 
 
 def force_aslant(felt: Array, force: Vector) -> Vector | None:

@@ -16,10 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_protocol.app_force_limit import exerted_forces
 from caesura_protocol.app_kinds import APP_KINDS, ends_in_contact
 from caesura_protocol.messages import App, Segment, Vector
 from caesura_protocol.number_words import fixed, interval, reads_above
-from caesura_protocol.programs.checks.fidelity import STEPPED_M, STRAYED_M, STRAYED_RAD
+from caesura_protocol.programs.checks.fidelity import STEPPED_M, STRAYED_M, STRAYED_RAD, UNEVEN_SHARE
 from caesura_protocol.programs.program_gripper import GRIPS
 from caesura_protocol.rotations import align_signs, angle_between
 from caesura_protocol.up_direction import UP
@@ -207,27 +208,37 @@ def _off_turn(quaternions: Array, first: Array, last: Array) -> Array:
 def _touches(segments: Sequence[Segment], apps: Sequence[App], up: Vector) -> Iterator[str]:
     """Yield contacts in no app.
 
-    Those that continue an app in contact or lie in one are left out, and so are bounces before it, and the
-    weight of what was grasped and is carried directly before or after.
+    Those that continue an app in contact or lie in one are left out, and so are bounces before it, unless
+    they are stronger. The weight of what was grasped and is carried directly before or after is left out,
+    too.
     """
-    used = {index for app in apps for index in app.segments}
-    beside = {index for app in apps if APP_KINDS[app.kind].in_contact for index in app.segments}
+    segments = tuple(segments)  # stored ones are decoded once
+    pressed = [_pressed_n(app, segments) for app in apps]
+    inside: dict[int, float] = {}
+    for app, newton in zip(apps, pressed, strict=True):
+        inside |= {index: max(newton, inside.get(index, 0.0)) for index in app.segments}
+    in_contact = {index for app in apps if APP_KINDS[app.kind].in_contact for index in app.segments}
     weights = _weights(apps)
-    met = [(one.t0, two.t0) for one, two in pairwise(apps) if ends_in_contact(one.kind, two.kind)]
+    met = [
+        (one.t0, two.t0, newton)
+        for (one, two), newton in zip(pairwise(apps), pressed[1:], strict=True)
+        if ends_in_contact(one.kind, two.kind)
+    ]
     lost: list[list[Segment]] = []
     place = 0
     for touches, run in groupby(segments, key=lambda one: one.contact == "contact"):
-        steps = list(run)
-        end = place + len(steps)
-        weight_n = max(weights.get(place - 1, 0.0), weights.get(end, 0.0))
-        if (
-            touches
-            and used.isdisjoint(range(place, end))
-            and not (beside & {place - 1, end} or _is_weight(steps, weight_n, up))
-        ):
-            lost.append(steps)
+        numbered = list(enumerate(run, place))
+        steps = [step for index, step in numbered if index not in inside]
+        end = place + len(numbered)
+        if touches and steps:
+            t0, tn = steps[0].t0, steps[-1].tn
+            beside = [inside[index] for index in {place - 1, end} & in_contact]
+            beside += [inside[index] for index, _ in numbered if index in inside]
+            beside += [newton for begins, ends, newton in met if begins < t0 and tn <= ends]
+            weight_n = max(weights.get(place - 1, 0.0), weights.get(end, 0.0))
+            if _is_other(_newtons(steps), max(beside, default=0.0)) and not _is_weight(steps, weight_n, up):
+                lost.append(steps)
         place = end
-    lost = [steps for steps in lost if not any(t0 < steps[0].t0 and steps[-1].tn <= tn for t0, tn in met)]
     strongest = sorted(lost, key=_newtons)[-NAMED:]
     for steps in lost:
         if steps in strongest:
@@ -235,6 +246,22 @@ def _touches(segments: Sequence[Segment], apps: Sequence[App], up: Vector) -> It
             yield f"a contact of {fixed(_newtons(steps), 1)} N at {when} s"
     if rest := len(lost) - len(strongest):
         yield f"{rest} weaker contacts"
+
+
+def _pressed_n(app: App, segments: Sequence[Segment]) -> float:
+    """Return the largest force [N] with which an app was taught to press; infinite for one without a force.
+
+    The forces of its segments have the bias of the sensor, as those of other contacts have.
+    """
+    if app.force is None:
+        return math.inf
+    felt = (length(segments[index].force) for index in app.segments)
+    return max(*(one.newton_taught for one in exerted_forces(app)), *felt)
+
+
+def _is_other(newton: float, pressed_n: float) -> bool:
+    """Whether a force [N] is another one than that of the app that it continues; 0: of none."""
+    return newton > max((1.0 + UNEVEN_SHARE) * pressed_n, pressed_n + PUSHES_BACK_N if pressed_n else 0.0)
 
 
 def _weights(apps: Sequence[App]) -> dict[int, float]:

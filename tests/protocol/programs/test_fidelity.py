@@ -293,6 +293,20 @@ def test_a_weaker_force_that_was_held_in_a_press_is_named(weaker_n: float | None
     )
 
 
+@pytest.mark.parametrize(("stronger_n", "warned"), [(None, False), (11.0, False), (25.0, True)])
+def test_a_stronger_force_in_a_press_is_named_unless_the_robot_exerts_it(
+    stronger_n: float | None, warned: bool
+):
+    touch, pressed, _ = press()
+    peaked = pressed.model_copy(update={"stronger_n": stronger_n})
+    said = "was taught with up to 25.0 N for a moment, where it presses with less"
+    assert [one for one in reasons((touch, peaked)) if "was taught with" in one] == (
+        [f"{said}: if the task needs that force, teach it as a press of its own"] * warned
+    )
+    edited = peaked.model_copy(update={"force": (0.0, 0.0, -25.0)})
+    assert not [one for one in reasons((touch, edited)) if "for a moment" in one]
+
+
 @pytest.mark.parametrize(
     ("speed", "turn", "said"),
     [

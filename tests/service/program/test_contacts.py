@@ -206,6 +206,43 @@ def test_a_press_states_a_weaker_force_that_was_held_in_it(
 
 
 @pytest.mark.parametrize(
+    ("first_s", "last_s", "most_n", "stronger_n"),
+    [(4.0, 4.25, 25.0, 25.0), (4.0, 4.15, 34.0, 34.0), (2.0, 2.15, 25.0, 25.0), (4.0, 4.25, 14.0, None)],
+)
+@pytest.mark.parametrize("kind", ["contact", "sliding"])
+def test_a_press_states_a_stronger_force_however_short_it_was(
+    kind: str, first_s: float, last_s: float, most_n: float, stronger_n: float | None
+) -> None:
+    """A press of 10 N with 25 N for 0.2 s was one of 10 N, and no finding named the 25 N."""
+
+    def pressed(t: float) -> Moment:
+        push = 0.0 if t < 2.0 else most_n if first_s <= t < last_s else 10.0
+        return drifted(t, pushed_n=push)
+
+    made = program(segment("motion", 0.0, 2.0), segment(kind, 2.0, 6.0, **held(10.0), **ACROSS), at=pressed)
+    (press,) = (app for app in made if app.force is not None)
+    assert press.stronger_n == (None if stronger_n is None else pytest.approx(stronger_n))
+
+
+@pytest.mark.parametrize(("peak_n", "stronger_n"), [(20.0, None), (29.0, 29.0)])
+def test_a_stronger_force_in_a_rest_beside_a_stroke_is_compared_with_that_of_the_rest(
+    peak_n: float, stronger_n: float | None
+) -> None:
+    def pressed(t: float) -> Moment:
+        push = 0.0 if t < 2.0 else peak_n if 2.4 <= t < 2.6 else 18.0 if t < 3.0 else 10.0
+        return drifted(t, pushed_n=push)
+
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 3.0, **held(18.0)),
+        segment("sliding", 3.0, 6.0, **held(10.0), **ACROSS),
+        at=pressed,
+    )
+    (stroke,) = (app for app in made if app.rest_before is not None)
+    assert stroke.stronger_n == (None if stronger_n is None else pytest.approx(stronger_n))
+
+
+@pytest.mark.parametrize(
     ("push", "weaker_n"),
     [
         (lambda t: min(max(5.5 * (t - 2.0), 0.0), 25.0), 11.7),  # it was held for a second at 4 N

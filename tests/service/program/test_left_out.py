@@ -58,6 +58,23 @@ def test_a_tool_that_bounces_before_it_is_pressed_lost_no_contact():
     assert found is None
 
 
+def test_a_contact_beside_a_press_that_is_stronger_than_the_press_is_named():
+    # An impact of 34 N directly before a press of 20 N was taken as a bounce, and a check found nothing.
+    found = note(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 2.1, **pressed(24.0)),
+        segment("motion", 2.1, 2.3),
+        segment("contact", 2.3, 4.0, **pressed(20.0)),
+    )
+    assert found == f"Taught and in no app: a contact of 24.0 N at 2.0–2.1 s{TEACH_AGAIN}"
+    first, second = (
+        segment("contact", 2.0, 2.2, **pressed(24.0)),
+        segment("contact", 2.2, 3.0, **pressed(9.0)),
+    )
+    found = note(segment("motion", 0.0, 2.0), first, second, segment("motion", 3.0, 4.0))
+    assert found == f"Taught and in no app: a contact of 24.0 N at 2.0–2.2 s{TEACH_AGAIN}"
+
+
 def test_motion_before_the_first_app_and_after_the_last_one_is_named():
     found = note(segment("motion", 0.0, 0.2), segment("steady", 0.2, 1.0), segment("motion", 1.0, 2.0))
     assert found == f"Taught and in no app: 100 mm at 0.0–1.0 s, before the first app{TEACH_AGAIN}"

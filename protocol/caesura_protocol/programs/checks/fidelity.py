@@ -274,6 +274,13 @@ def _force_limits(app: App) -> Iterator[Reason]:
             f"with {fixed(exerted, 1)} N: teach each force as a press of its own"
         )
         yield reason, exerted, app.weaker_n
+    least = min((force.newton for force in forces), default=math.inf)
+    if app.stronger_n is not None and app.stronger_n > least * (1.0 + UNEVEN_SHARE):
+        reason = (
+            f"was taught with up to {fixed(app.stronger_n, 1)} N for a moment, where it presses with less: "
+            "if the task needs that force, teach it as a press of its own"
+        )
+        yield reason, app.stronger_n, least
     held = 0.0 if app.aslant is None else math.hypot(*app.aslant)
     if app.aslant is not None and app.force is not None and held * exerted > 0.0:
         cosine = sum(map(operator.mul, app.aslant, app.force)) / (held * exerted)

@@ -27,6 +27,7 @@ NUMBERS = (
     "load_sd_kg",
     "gripper_width",
     "weaker_n",
+    "stronger_n",
     "aslant",
     "moved_m_per_s",
     "turned_rad_per_s",

@@ -23,6 +23,7 @@ from caesura_protocol.messages import AppPath
 from caesura_protocol.programs.app_time_shifts import rests_of
 from caesura_protocol.programs.apps_by_phase import groups_by_first
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
+from caesura_protocol.programs.export_limits import refuse_impossible
 from caesura_protocol.programs.planned_apps import LEAST_PAUSE_S, pause_between
 from caesura_protocol.programs.script_templates import findings_by_app
 from caesura_protocol.reproduced_path import turning_at_points
@@ -94,9 +95,10 @@ PORTS: Mapping[str, Port] = MappingProxyType(
 def behaviour_tree(program: ProgramFile) -> str:
     """Return the XML text, with a model of every action that it uses.
 
-    Raises ValueError for a number that is not finite.
+    Raises ValueError for a number that no app can have, or that is not finite.
     """
     program.as_json()  # refuses what is not finite
+    refuse_impossible(program)
     comments = findings_by_app(program)
     root = Xml.Element("root", {"BTCPP_format": "4", "main_tree_to_execute": TREE})
     tree = Xml.SubElement(root, "BehaviorTree", {"ID": TREE})

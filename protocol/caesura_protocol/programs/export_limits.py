@@ -10,7 +10,7 @@ from caesura_protocol.app_force_limit import LEAST_FORCE_N, exerted_forces, is_p
 from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.messages import App
 from caesura_protocol.programs.checks.preconditions import order_findings
-from caesura_protocol.programs.checks.value_ranges import absurd_numbers
+from caesura_protocol.programs.checks.value_ranges import impossible_numbers
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.robots import RobotDescription
@@ -71,6 +71,13 @@ def within_robot(acceleration: float, robot: RobotDescription | None) -> float:
     return acceleration if robot is None else min(acceleration, 0.5 * robot.flange_acceleration_limit)
 
 
+def refuse_impossible(program: ProgramFile) -> None:
+    """Raise ValueError for a number that no app can have, whatever the limits of the cell."""
+    for index, app in enumerate(program.apps):
+        for one in impossible_numbers(index, app):
+            raise ValueError(f"{app_name(index, app.kind)}: {one.reason}")
+
+
 def refuse_beyond_limits(program: ProgramFile) -> None:
     """Raise ValueError for an app beyond the limits of position, force or load, or without a precondition.
 
@@ -79,10 +86,9 @@ def refuse_beyond_limits(program: ProgramFile) -> None:
     grasp: otherwise the robot would compensate a load that it does not have.
     """
     safety = program.safety
+    refuse_impossible(program)
     for index, app in enumerate(program.apps):
         name = app_name(index, app.kind)
-        for one in absurd_numbers(index, app):
-            raise ValueError(f"{name}: {one.reason}")
         _refuse_incomplete(name, app)
         _refuse_outside(name, app, safety)
         force, most = max((one.newton for one in exerted_forces(app)), default=0.0), safety.force_n

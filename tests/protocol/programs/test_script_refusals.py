@@ -7,12 +7,13 @@ from collections.abc import Callable
 import pytest
 
 from caesura_protocol.messages import App, RestForce
+from caesura_protocol.programs.behaviour_tree import behaviour_tree
 from caesura_protocol.programs.checks import order_findings
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.franky_script import franky_script
 from caesura_protocol.programs.ur_script import ur_script
 from caesura_protocol.programs.xarm_script import xarm_script
-from harness.programs import as_file, pick_and_place, press, wiped
+from harness.programs import as_file, curved, pick_and_place, press, wiped
 
 
 @pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script])
@@ -55,6 +56,46 @@ def test_a_rest_of_a_stroke_with_a_force_that_no_app_can_have_is_refused(write: 
     said = "app 2 .apply force.: rest_before.newton is 1000000000.0, expected a number, finite and below 1e"
     with pytest.raises(ValueError, match=said):
         write(as_file((touch, stroke.model_copy(update={"rest_before": rest}))))
+
+
+@pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script, behaviour_tree])
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"tn": -1e5}, "duration -1e.05 s, expected 0 to inf s"),
+        ({"gripper_width": -1.0}, "gripper width -1000 mm, expected 0 to inf mm"),
+        ({"load_kg": -1.0}, "load -1 kg, expected 0 to inf kg"),
+        ({"orientation": (0.0, 0.0, 0.0, 0.0)}, "length of the orientation 0, expected 0.95 to 1.05"),
+        ({"target": (0.0, 0.0, 1e300)}, "target is .*, expected 3 numbers, finite and below 1e.06"),
+    ],
+)
+def test_a_number_that_an_app_has_in_no_cell_is_refused(
+    write: Callable[[ProgramFile], str], changes: dict[str, object], said: str
+):
+    """Each was written, and read as another one by the robot, or stopped it in the middle of a program."""
+    touch, pressed, away = press()
+    with pytest.raises(ValueError, match=f"app 3 .move.: {said}"):
+        write(as_file((touch, pressed, away.model_copy(update=changes))))
+
+
+@pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script, behaviour_tree])
+@pytest.mark.parametrize(
+    ("t", "said"),
+    [
+        (1.0, "its path has a point at 1 s, expected after the point before it at 1.8 s"),
+        (1e300, "path.via.1.t is 1e.300, expected a number, finite and below 1e.10"),
+    ],
+)
+def test_a_path_whose_times_go_back_or_are_absurd_is_refused(
+    write: Callable[[ProgramFile], str], t: float, said: str
+):
+    """A time of 1e300 s ended an exporter with an OverflowError, and one that goes back was written."""
+    touch, *rest = curved()
+    assert touch.path is not None
+    first, last = touch.path.via
+    path = touch.path.model_copy(update={"via": (first, last.model_copy(update={"t": t}))})
+    with pytest.raises(ValueError, match=f"app 1 .move to contact.: {said}"):
+        write(as_file((touch.model_copy(update={"path": path}), *rest)))
 
 
 @pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -33,7 +33,7 @@ NUMBERS = (
     "turned_rad_per_s",
     "confidence",
 )
-TIMES = ("t0", "tn")
+TIMES = ("t", "t0", "tn")
 WIDTHS = {
     "target": (3,),
     "orientation": (4,),
@@ -42,7 +42,7 @@ WIDTHS = {
     "force_taught": (3,),
     "aslant": (3,),
 }
-NUMBERS_OF_PATH = ("end_velocity", "end_angular_velocity", "length_m", "deviation_m", "deviation_rad")
+NUMBERS_OF_PATH = ("tn", "end_velocity", "end_angular_velocity", "length_m", "deviation_m", "deviation_rad")
 WIDTHS_OF_PATH = {
     "position": (3,),
     "orientation": (4,),
@@ -51,7 +51,7 @@ WIDTHS_OF_PATH = {
     "end_velocity": (3,),
     "end_angular_velocity": (3,),
 }
-NUMBERS_OF_POINT = ("position", "orientation", "velocity", "angular_velocity")
+NUMBERS_OF_POINT = ("t", "position", "orientation", "velocity", "angular_velocity")
 NUMBERS_OF_SCREW = ("axis", "point", "angle", "pitch_m", "pitch_sd_m", "torque")
 WIDTHS_OF_SCREW = {"axis": (3,), "point": (3,), "torque": (3,)}
 ONE = (1,)
@@ -85,6 +85,16 @@ def are_numbers_finite(apps: Sequence[App]) -> bool:
     return not any(True for index, app in enumerate(apps) for _ in absurd_numbers(index, app))
 
 
+def impossible_numbers(index: int, app: App) -> Iterator[Finding]:
+    """Yield an error for each number that an app has in no cell.
+
+    Beyond absurd numbers these are times that go back, a load or a width below 0, and an orientation or an
+    axis that is not of length 1. index: of the app in its program, from 0.
+    """
+    wrong = list(absurd_numbers(index, app))
+    yield from wrong or (*_repeated_times(index, app), *_beyond(index, app, _ranges_of_any_cell(app)))
+
+
 def absurd_numbers(index: int, app: App) -> Iterator[Finding]:
     """Yield an error for each number of an app that is not finite, or larger than any, and for each vector of
     another length.
@@ -114,7 +124,7 @@ def absurd_numbers(index: int, app: App) -> Iterator[Finding]:
             values = np.asarray(value, dtype=np.float64).ravel()
         except (TypeError, ValueError):
             values = np.full(1, np.nan)
-        most = LATEST_S if name in TIMES else ABSURD
+        most = LATEST_S if name.rpartition(".")[2] in TIMES else ABSURD
         if values.size not in widths or not (np.abs(values) < most).all():
             many = "a number" if widths == ONE else f"{' to '.join(map(str, _ends(widths)))} numbers"
             expected = f"{many}, finite and below {most:g}"
@@ -152,16 +162,7 @@ def _repeated_times(index: int, app: App) -> Iterator[Finding]:
 
 def _out_of_range(index: int, app: App, safety: Safety) -> Iterator[Finding]:
     """Yield an error for each number beyond its limits, and a warning for a low confidence."""
-    for what in (*_ranges(app, safety), *_press_ranges(app, safety)):
-        if not what.least <= what.value <= what.most:
-            limit = what.least if what.value < what.least else what.most
-            unit = f" {what.unit}" if what.unit else ""
-            scale = 1000.0 if what.unit == "mm" else 1.0
-            reason = (
-                f"{what.name} {scale * what.value:.4g}{unit}, "
-                f"expected {scale * what.least:g} to {scale * what.most:g}{unit}"
-            )
-            yield Finding("error", index, app.kind, reason, what.value, limit)
+    yield from _beyond(index, app, (*_ranges(app, safety), *_press_ranges(app, safety)))
     if reads_above(safety.least_confidence, app.confidence, 2):
         percent, least = 100.0 * app.confidence, 100.0 * safety.least_confidence
         reason = f"confidence {percent:.0f} % is below {least:g} %: look at it first"
@@ -178,6 +179,20 @@ class _Range(NamedTuple):
     unit: str
 
 
+def _beyond(index: int, app: App, ranges: Iterable[_Range]) -> Iterator[Finding]:
+    """Yield an error for each number that is out of its range."""
+    for what in ranges:
+        if not what.least <= what.value <= what.most:
+            limit = what.least if what.value < what.least else what.most
+            unit = f" {what.unit}" if what.unit else ""
+            scale = 1000.0 if what.unit == "mm" else 1.0
+            reason = (
+                f"{what.name} {scale * what.value:.4g}{unit}, "
+                f"expected {scale * what.least:g} to {scale * what.most:g}{unit}"
+            )
+            yield Finding("error", index, app.kind, reason, what.value, limit)
+
+
 def _ranges(app: App, safety: Safety) -> Iterator[_Range]:
     least_s = LEAST_S if APP_KINDS[app.kind].needs else 0.0
     yield _Range("duration", app.tn - app.t0, least_s, safety.duration_s, "s")
@@ -187,6 +202,21 @@ def _ranges(app: App, safety: Safety) -> Iterator[_Range]:
     if app.gripper_width is not None:
         widest = safety.gripper_width_m + WIDTH_TOLERANCE_M
         yield _Range("gripper width", app.gripper_width, 0.0, widest, "mm")
+    yield from _lengths(app)
+
+
+def _ranges_of_any_cell(app: App) -> Iterator[_Range]:
+    """Yield the numbers whose least value, or whose length, is the same in every cell."""
+    yield _Range("duration", app.tn - app.t0, 0.0, np.inf, "s")
+    if app.load_kg is not None:
+        yield _Range("load", app.load_kg, 0.0, np.inf, "kg")
+    if app.gripper_width is not None:
+        yield _Range("gripper width", app.gripper_width, 0.0, np.inf, "mm")
+    yield from _lengths(app)
+
+
+def _lengths(app: App) -> Iterator[_Range]:
+    """Yield the lengths of quaternions and axes, which are 1."""
     if app.orientation is not None:
         length = float(np.linalg.norm(app.orientation))
         yield _Range("length of the orientation", length, 1.0 - UNIT_TOLERANCE, 1.0 + UNIT_TOLERANCE, "")

@@ -21,6 +21,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from operator import mul
 from statistics import fmean, pstdev
 from typing import NamedTuple
 
@@ -39,6 +40,7 @@ FORCE_IN_MOTION_N = 1.0  # by which a force in movement varies, at most
 REFERENCE, PUSH_LIMIT = 1.0, 2.0  # of the cumulative sum of a hand's push [standard deviations]
 ZERO_COUNT = 5  # observations of free movement that show the zero of a force without a tare: 0.4 s, as a tare
 POSES = 4  # the cubic through them is compared with the movement between the middle two
+TURNS_BACK = 0.1  # of the way between two poses, that a movement goes back before or after them
 NOTHING: Vector = (0.0, 0.0, 0.0)
 AHEAD_S = 0.5  # in which a joint reaches the limit that is hinted at
 ARM_EVERY = 3  # observations from one look at the Jacobian to the next
@@ -325,31 +327,41 @@ def _driving_and_stray(force: Vector, heading: Vector, holding: float) -> tuple[
 
 
 def path_error(poses: tuple[ObservedPose, ...]) -> float:
-    """Return the greatest deviation [m] of the cubic through four poses from the movement; 0 for fewer poses.
-
-    The movement between two poses is the cubic with their velocities, whose error midway is nine times
-    smaller. The slopes of the two curves differ by e and f at the poses [m a step]. So the curves are s (1 −
-    s) ((1 − s) e − s f) apart. The farthest of three places is within 3 % of the farthest of all.
-    """
+    """Return the greatest distance [m] of the path from the cubic through four poses; 0 for fewer poses."""
     if len(poses) < POSES:
         return 0.0
-    first, before, after, last = poses
-    step = after.t - before.t
-    slopes = [
-        (
-            step * v - (6.0 * c - 3.0 * b - 2.0 * a - d) / 6.0,
-            step * w - (a - 6.0 * b + 3.0 * c + 2.0 * d) / 6.0,
-        )
-        for a, b, c, d, v, w in zip(
-            first.position,
-            before.position,
-            after.position,
-            last.position,
-            before.velocity,
-            after.velocity,
-            strict=True,
-        )
-    ]
+    _, before, after, _ = poses
+    return _missed([one.position for one in poses], (before.velocity, after.velocity), after.t - before.t)
+
+
+def _missed(
+    places: Sequence[Sequence[float]], velocities: tuple[Sequence[float], Sequence[float]], step: float
+) -> float:
+    """Return the greatest deviation of the cubic through four places (c,) from the path between the middle two.
+
+    velocities: (c,) at the middle two, in 1/s of the places' unit; step: [s] between two places. The movement
+    between them is the cubic with their velocities, whose error midway is nine times smaller. The slopes of
+    the two curves differ by e and f there [a step]. So the curves are s (1 − s) ((1 − s) e − s f) apart. The
+    farthest of three places is within 3 % of the farthest of all. Of a movement that goes on along the chord
+    the difference along it is one of time, and no part of the path: a sudden stop misses nothing.
+    """
+    first, before, after, last = places
+    chord = _less(after, before, 1.0)
+    rates = [[step * v for v in velocity] for velocity in velocities]
+    e = [v - (6 * c - 3 * b - 2 * a - d) / 6 for a, b, c, d, v in zip(*places, rates[0], strict=True)]
+    f = [w - (a - 6 * b + 3 * c + 2 * d) / 6 for a, b, c, d, w in zip(*places, rates[1], strict=True)]
+    way2, beside = _dot(chord, chord), (_less(before, first, 1.0), _less(last, after, 1.0), *rates)
+    if way2 > 0.0 and min(_dot(one, chord) for one in beside) >= -TURNS_BACK * way2:
+        e, f = (_less(one, chord, _dot(one, chord) / way2) for one in (e, f))
     return max(
-        s * (1.0 - s) * math.hypot(*((1.0 - s) * e - s * f for e, f in slopes)) for s in (0.25, 0.5, 0.75)
+        s * (1.0 - s) * math.hypot(*((1.0 - s) * g - s * h for g, h in zip(e, f, strict=True)))
+        for s in (0.25, 0.5, 0.75)
     )
+
+
+def _dot(a: Sequence[float], b: Sequence[float]) -> float:
+    return sum(map(mul, a, b))
+
+
+def _less(a: Sequence[float], b: Sequence[float], times: float) -> list[float]:
+    return [x - times * y for x, y in zip(a, b, strict=True)]

@@ -267,6 +267,17 @@ def test_what_the_poses_miss_is_measured_between_them():
     assert path_error(poses) == pytest.approx(abs(cubic - hermite))
 
 
+@pytest.mark.parametrize("beside", [0.0, 0.02])
+def test_a_straight_movement_that_stops_at_once_misses_nothing_of_its_path(beside: float):
+    """Of its 5 mm, all are a difference of time: the program leads along the same straight line."""
+    places, speeds = (0.0, 0.12, 0.2, 0.2), (1.2, 1.2, 0.0, 0.0)
+    poses = tuple(
+        ObservedPose(STEP_S * k, (x, beside * (k % 2), 0.0), (v, 0.0, 0.0), STILL, 0.0)
+        for k, (x, v) in enumerate(zip(places, speeds, strict=True))
+    )
+    assert (path_error(poses) > 1e-9) == (beside > 0.0)
+
+
 def test_what_the_poses_miss_beside_the_middle_counts_too():
     """A path with equal slopes beyond the cubic's, which the two cross midway."""
     poses = tuple(
@@ -340,9 +351,9 @@ def test_a_straight_elbow_is_near_a_singularity(panda: ArmLimits):
 
 def test_a_hint_is_raised_once_cleared_when_over_and_not_again_for_a_while():
     def twice(calm: int) -> tuple[Hint, ...]:
-        """Shaken twice from rest to rest: beyond the limit, and not beyond twice the limit."""
-        turns = 2.0 * math.pi * STEP_S * np.arange(18) / 0.6
-        x, v = 0.4 + 0.06 * (1.0 - np.cos(turns)), 0.12 * math.pi / 0.6 * np.sin(turns)
+        """Shaken twice, and turned back between two poses: beyond the limit, and not beyond twice the limit."""
+        turns = 2.0 * math.pi * STEP_S * (np.arange(18) + 0.5) / 0.6
+        x, v = 0.4 + 0.11 * (np.cos(turns[0]) - np.cos(turns)), 0.22 * math.pi / 0.6 * np.sin(turns)
         positions = [(float(one), 0.0, 0.3) for one in x]
         velocities = [(float(one), 0.0, 0.0) for one in v]
         path = [*positions, *[AT_REST] * calm, *positions]

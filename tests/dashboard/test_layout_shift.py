@@ -124,6 +124,54 @@ def test_no_step_of_a_session_moves_the_plots(
     assert opened.errors == []
 
 
+@pytest.mark.parametrize("size", [DESK, PHONE], ids=["desk", "phone"])
+def test_a_start_on_a_page_of_an_ended_session_moves_no_plots(
+    stage: Stage, bridge: StandbyBridge, opened: Visitor, size: ViewportSize
+):
+    """The description opened at Start, and the plots moved by 66 px at a desk."""
+    opened.begin_again(size)
+    page = opened.page
+    page.goto(f"{stage.dashboard.url}/station/cell-1")
+    expect(page.locator(".desk")).to_contain_text("Ready")
+    day = Day(page)
+    day.start("first")
+    day.stop("first stop")
+    page.reload()
+    expect(page.locator(".app").first).to_be_visible()
+    day.done("opened again")
+    day.start("start")
+    day.stop("stop")
+    assert day.places["start"] == day.places["opened again"] == day.places["stop"]
+    page.locator(".description summary").click()
+    expect(page.locator(".name-task")).to_be_hidden()
+    day.start("closed by hand")
+    expect(page.locator(".name-task")).to_be_hidden()
+    day.stop("last")
+    assert opened.errors == []
+
+
+def test_without_a_service_no_bridge_is_denied_and_no_plot_moves(
+    stage: Stage, bridge: StandbyBridge, opened: Visitor
+):
+    """The page stated that no bridge is connected, while the bridge ran, and its form went."""
+    opened.begin_again(DESK)
+    page, why = opened.page, opened.page.locator(".desk-why")
+    page.goto(f"{stage.dashboard.url}/station/cell-1")
+    expect(page.locator(".desk")).to_contain_text("Ready")
+    day = Day(page)
+    day.start("taught")
+    stage.service.kill()
+    expect(why).to_contain_text("Whether a bridge is connected at cell-1 is not known: no service is alive")
+    expect(page.locator(".desk-state")).to_have_text("Stale")
+    assert page.evaluate(PLACES) == day.places["taught"]
+    expect(page.locator("button.start")).to_be_disabled()
+    expect(page.locator("button.stop")).to_be_disabled()
+    stage.service.start()
+    expect(page.locator("button.stop")).to_be_enabled()
+    day.stop("stop")
+    opened.errors.clear()  # of samples that were not there
+
+
 def test_the_menu_of_corrections_leaves_the_segment_in_sight(stage: Stage, opened: Visitor):
     """At a desk and on a tablet it covered half of the segment, and on a phone the band."""
     stage.teach("cell-2", guided(), session="over", pace="fast")

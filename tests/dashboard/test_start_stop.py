@@ -101,6 +101,7 @@ def test_no_state_and_no_reason_changes_the_height_of_start_and_stop(
     page.evaluate(HEIGHTS)
     page.locator("button.start").click()
     expect(state).to_have_text(re.compile(r"Teaching \d\d s"))
+    expect(page.locator(".desk label.wide"), "the field of this one is below").to_contain_text("Next task")
     visitor.picture("desk-teaching")
     page.locator("button.stop").click()
     expect(page.locator("button.start")).to_be_enabled()

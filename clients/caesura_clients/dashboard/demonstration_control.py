@@ -117,7 +117,7 @@ def _why_not_start(
     reasons = (
         (station not in world.stations(), _unknown(world, station)),
         (not may_operate, ONLY_READS),
-        (station not in world.bridges, f"No bridge is connected at {station}."),
+        (station not in world.bridges, _without_bridge(world, station)),
         (
             status is None,
             f"The bridge of {station} is not in standby: it starts and ends its demonstrations itself.",
@@ -130,10 +130,21 @@ def _why_not_start(
 
 def _unknown(world: DashboardState, station: str) -> str:
     known = ", ".join(world.stations()) or "none yet"
-    if world.trouble or not world.alive:
-        why = world.trouble or "no service answers"
-        return f"No bridge is connected at {station}, and what sessions it has is not known: {why}."
+    if why := _without_service(world):
+        return f"Which bridge and which sessions {station} has is not known: {why}."
     return f"No bridge is connected at {station}, and it has no session. Stations: {known}."
+
+
+def _without_bridge(world: DashboardState, station: str) -> str:
+    """Return that a station has no bridge, or that this is not known, as without the router."""
+    if why := _without_service(world):
+        return f"Whether a bridge is connected at {station} is not known: {why}."
+    return f"No bridge is connected at {station}."
+
+
+def _without_service(world: DashboardState) -> str:
+    """Return why no service answers; empty if one does."""
+    return world.trouble or ("" if world.alive else "no service answers")
 
 
 def _outcome(status: BridgeStatus | None) -> str:

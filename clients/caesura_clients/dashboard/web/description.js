@@ -66,7 +66,7 @@ export default {
     apply(payload) {
       const isOther = payload.session !== this.session;
       if (isOther) this.leave();
-      if (isOther && this.live && !payload.closed) this.open = true; // opened when it is over, it would move the plots
+      if (this.live && !this.session && payload.session) this.open = true; // opened at a start or an end, it would move the plots
       Object.assign(this, { session: payload.session, opened: payload.opened, closed: payload.closed, tasks: payload.tasks, stored: payload.description });
       if (isOther) for (const name of FIELDS) this.fill(name, payload.description);
       if (!this.isAsking()) this.learn(payload.description);

@@ -12,15 +12,15 @@ export default {
   components: { Staying },
   emits: ["ask"],
   data: () => ({
-    station: "", state: "", session: "", canStart: false, canStop: false, seen: "", said: "", why: "", outcome: "", tasks: [], t: 0,
+    station: "", state: "", session: "", canStart: false, canStop: false, seen: "", said: "", why: "", outcome: "", tasks: [], t: 0, offers: false,
     task: "", operator: localStorage.getItem(OPERATOR) || "", typed: false, busy: "", message: "", failed: false,
   }),
   template: `
     <section class="desk" :class="'desk-' + shown" aria-label="Start and stop">
       <div class="desk-words"><p class="desk-state" role="status">{{ words }}</p>
-        <staying id="desk-why" class="desk-why" :class="{ failed }" :lines="state ? 2 : 0">{{ message || why || outcome }}</staying></div>
-      <form v-if="state" @submit.prevent="start">
-        <label class="wide">Task <input class="task" v-model="task" @input="typed = true" maxlength="120" list="desk-tasks"
+        <staying id="desk-why" class="desk-why" :class="{ failed }" :lines="offers ? 2 : 0">{{ message || why || outcome }}</staying></div>
+      <form v-if="offers" @submit.prevent="start">
+        <label class="wide">{{ canStop ? "Next task" : "Task" }} <input class="task" v-model="task" @input="typed = true" maxlength="120" list="desk-tasks"
           placeholder="optional" autocomplete="off"></label>
         <datalist id="desk-tasks"><option v-for="one in tasks" :key="one" :value="one"></option></datalist>
         <label>Operator <input class="operator" v-model="operator" maxlength="64" placeholder="optional" autocomplete="name"></label>
@@ -49,6 +49,7 @@ export default {
       for (const name of ["station", "state", "session", "canStart", "canStop", "why", "outcome", "tasks", "t", "seen", "said"]) {
         if (name in payload) this[name] = payload[name];
       }
+      this.offers ||= Boolean(this.state); // a bridge or a service that goes moves no plots
       if (!this.typed && payload.task) this.task = payload.task; // what was taught last, as a suggestion
     },
     ask(busy, command) {

@@ -13,7 +13,8 @@ from playwright.sync_api import Page, ViewportSize, expect
 
 from dashboard.browser import DESK, PATIENCE_MS, PHONE, UPRIGHT, Visitor, needs_chromium, settled
 from dashboard.operator import Operator
-from dashboard.stage import Stage, StandbyBridge
+from dashboard.stage import REST_S, Stage, StandbyBridge, patient
+from dashboard.test_whole_day import shown_range
 from harness.demonstrations import guided
 
 pytestmark = needs_chromium
@@ -150,6 +151,21 @@ def test_a_start_on_a_page_of_an_ended_session_moves_no_plots(
     assert opened.errors == []
 
 
+def test_a_station_shows_an_ended_session_as_a_whole(stage: Stage, opened: Visitor):
+    """Its last 30 s were shown, in which the hand often rests."""
+    stage.teach("cell-3", patient(), session="long", pace="fast")
+    stage.wait("cell-3")
+    opened.begin_again(DESK)
+    page = opened.page
+    page.goto(f"{stage.dashboard.url}/station/cell-3")
+    expect(page.locator(".desk-state")).to_have_text("Demonstration over")
+    settled(page)
+    start, end = shown_range(page)
+    assert start == 0.0
+    assert end > REST_S
+    assert opened.errors == []
+
+
 def test_without_a_service_no_bridge_is_denied_and_no_plot_moves(
     stage: Stage, bridge: StandbyBridge, opened: Visitor
 ):
@@ -170,6 +186,32 @@ def test_without_a_service_no_bridge_is_denied_and_no_plot_moves(
     expect(page.locator("button.stop")).to_be_enabled()
     day.stop("stop")
     opened.errors.clear()  # of samples that were not there
+
+
+@pytest.mark.parametrize("size", [DESK, PHONE], ids=["desk", "phone"])
+def test_the_answer_to_a_correction_is_in_sight_wherever_in_the_plots_it_is_made(
+    stage: Stage, opened: Visitor, size: ViewportSize
+):
+    """It stood above the first plot: who corrected in the plot of forces did not see that it was refused."""
+    stage.teach("cell-2", guided(), session=f"seen-{size['width']}", pace="fast")
+    stage.wait("cell-2")
+    opened.begin_again(size)
+    opened.is_called("Ann", stage.dashboard.url)
+    page = opened.page
+    page.goto(f"{stage.dashboard.url}/sessions/cell-2/seen-{size['width']}")
+    expect(page.locator(".app").first).to_be_visible()
+    settled(page)
+    page.locator(".panel[data-signal=speed]").evaluate("(panel) => panel.scrollIntoView()")
+    x, _ = Operator.at(page, opened).place(1.4)
+    force = page.locator(".panel[data-signal=force]").bounding_box()
+    assert force is not None
+    page.mouse.click(x, force["y"] + force["height"] / 2)
+    page.keyboard.press("Enter")
+    expect(page.locator(".message")).to_contain_text("Changepoint inserted at 1.")
+    expect(page.locator("canvas.band")).not_to_be_in_viewport()
+    expect(page.locator(".message")).to_be_in_viewport(ratio=1)
+    expect(page.get_by_role("button", name="Undo", exact=True).first).to_be_in_viewport(ratio=1)
+    assert opened.errors == []
 
 
 def test_the_menu_of_corrections_leaves_the_segment_in_sight(stage: Stage, opened: Visitor):

@@ -84,6 +84,7 @@ def test_a_session_of_the_journal_is_shown_once_the_service_is_back(stage: Stage
         page.goto(f"{stage.dashboard.url}/sessions/cell-1/{NAMES[1]}")
         expect(page.locator(".banner")).to_be_visible()
         expect(page.locator(".state-line"), "it is not known whether it was deleted").to_have_text("")
+        expect(page.locator(".selection"), "no demonstration begins here").to_have_text("")
         assert opened.barriers() == []
     finally:
         stage.service.start()

@@ -137,7 +137,7 @@ export default {
       const point = this.changepoints.find(([t]) => t === this.selected);
       const where = point ? `changepoint at ${this.shownTime(point[0])} s, ${point[2] ? "final" : "provisional"} ` +
         `${percent(point[1])}` : "no changepoint selected";
-      if (!this.session) return "Signals and segments are drawn here once a demonstration begins.";
+      if (!this.session) return this.replay ? "" : "Signals and segments are drawn here once a demonstration begins.";
       return this.cursor === null ? `${POINTING.choose} a time in the plot, or ${this.editable ? POINTING.correct : POINTING.move}.`
         : `Time ${this.shownTime(this.cursor)} s: ${inside}${within}; ${where}.`;
     },
@@ -178,10 +178,10 @@ export default {
       Object.assign(this, empty(), { available, menu: null, asked: null, relabelled: null, selected: null, cursor: null, ghost: null, end: null, span: 30,
         busy: false, message: this.busy ? "" : this.message, columns: this.columns && [], origin: null, fitted: false });
     },
-    fit() { // a session of the past is shown as a whole
-      if (this.fitted || !this.replay || this.session === "" || !(this.t > 0)) return;
+    fit() { // a session that is over when it is first shown is shown as a whole
+      if (this.fitted || this.session === "" || !(this.t > 0)) return;
       this.fitted = true;
-      this.span = this.longest();
+      if (this.replay || this.closed) this.span = this.longest();
     },
     letTheLastGoOn() { // its end is published once a second only
       for (const name of ["segments", "phases"]) {
@@ -243,7 +243,7 @@ export default {
 
     // --- signals ---
     take_data(data) {
-      const isWhole = this.replay && this.end === null && this.span >= this.longest();
+      const isWhole = (this.replay || this.closed) && this.end === null && this.span >= this.longest();
       if (data.available.join() !== this.available.join()) this.available = data.available;
       this.data = Object.freeze({ ...data, shown: data.shown || this.shownColumns() }); // the first answer has all columns
       if (!this.segments.length && isOfDay(data.last)) this.start = data.first ?? data.last; // the first segment is not there yet

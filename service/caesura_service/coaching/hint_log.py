@@ -50,6 +50,7 @@ class HintLog:
         self._cleared: tuple[Hint, ...] = ()
         self.stirred: set[HintKind] = set()  # kinds that are active, or about to be
         self.hints: tuple[Hint, ...] = ()  # the same tuple as long as nothing changes
+        self.first: dict[HintKind, float] = {}  # [s] when a hint of each kind was first raised
 
     def step(self, trigger: Trigger, t: float, level: float, words: Callable[[], Words]) -> None:
         """Raise or clear a hint by the level of a rule at a time [s]; nan counts as a level of 0.
@@ -78,6 +79,7 @@ class HintLog:
     def raise_hint(self, hint: Hint, place: float | None = None) -> None:
         """Make a hint the active one of its kind, at a place [s] if it has several."""
         self._standing[hint.kind, place] = _Standing(hint)
+        self.first.setdefault(hint.kind, hint.since)
         self.stirred.add(hint.kind)
         self._publish()
 

@@ -28,6 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_protocol.reproduced_path import TOLERANCE_RAD
 from caesura_service.coaching.bias_drift_tracker import DriftState, DriftTracker, Vector
 from caesura_service.coaching.unchanged_force import UnchangedForce, advanced, begun
 from caesura_service.constants import FREE_M_PER_S, TARED_BIAS_N
@@ -79,7 +80,7 @@ class CoachingSetup:
 
     clean_wrench: whether the wrench is declared not to contain the hand; bias_n: scale of the force in free
     space [N]; path_tolerance_m: of the program's paths [m]; arm: None if not stated; is_tared: whether the
-    force has a tare.
+    force has a tare; path_tolerance_rad: of the turn along the program's paths [rad].
     """
 
     clean_wrench: bool
@@ -87,6 +88,7 @@ class CoachingSetup:
     path_tolerance_m: float
     arm: ArmLimits | None = None
     is_tared: bool = True
+    path_tolerance_rad: float = TOLERANCE_RAD
 
 
 def _seconds_at_speed(speeds: Array, slowing: Array) -> Array:
@@ -112,6 +114,8 @@ class ObservedPose(NamedTuple):
     joints: Array | None = None  # (n,) [rad]
     after_gap: bool = False  # samples are missing before it
     measured_n: float | None = None  # [N] length of the force as it came; None without a wrench
+    orientation: Sequence[float] | None = None  # (4,) quaternion of the flange
+    turning: Sequence[float] | None = None  # (4,) [1/s] how fast it changes
 
 
 class ArmMeasures(NamedTuple):
@@ -133,6 +137,7 @@ class Measures(NamedTuple):
     driving_n: float = math.nan  # that force, now
     stray_n: float = math.nan  # force in free movement that is neither contact, load nor hand
     path_error_m: float = 0.0  # what the poses miss of the path between them
+    turn_error_rad: float = 0.0  # likewise, of the turn
     bias_n: float = math.nan
     arm: ArmMeasures = NO_ARM
     frozen_s: float = 0.0  # in which the force was the same number, and the flange moved
@@ -181,7 +186,7 @@ class Meter:
         unchanged, frozen_s = advanced(state.unchanged, pose.measured_n, pose.t, pose.position)
         poses = (*state.poses[1 - POSES :], pose)
         state = state._replace(poses=poses, unchanged=unchanged, arm=arm, arm_age=arm_age)
-        measured = Measures(path_error_m=path_error(poses), arm=arm)
+        measured = Measures(path_error_m=path_error(poses), turn_error_rad=turn_error(poses), arm=arm)
         if unchanged is not None:
             measured = measured._replace(frozen_s=frozen_s, frozen_n=unchanged.measured_n)
         if not self._setup.clean_wrench:
@@ -334,10 +339,26 @@ def path_error(poses: tuple[ObservedPose, ...]) -> float:
     return _missed([one.position for one in poses], (before.velocity, after.velocity), after.t - before.t)
 
 
+def turn_error(poses: tuple[ObservedPose, ...]) -> float:
+    """Return the greatest angle [rad] of the turn from the cubic through four poses.
+
+    0 for fewer poses, or without orientations. A unit quaternion changes by half the angle.
+    """
+    known = [(one.orientation, one.turning) for one in poses if one.orientation and one.turning]
+    if len(known) < POSES:
+        return 0.0
+    turns, rates = [known[0][0]], [known[0][1]]
+    for turn, rate in known[1:]:
+        sign = math.copysign(1.0, _dot(turn, turns[-1]))  # q and -q are the same orientation
+        turns.append([sign * one for one in turn])
+        rates.append([sign * one for one in rate])
+    return 2.0 * _missed(turns, (rates[1], rates[2]), poses[2].t - poses[1].t)
+
+
 def _missed(
     places: Sequence[Sequence[float]], velocities: tuple[Sequence[float], Sequence[float]], step: float
 ) -> float:
-    """Return the greatest deviation of the cubic through four places (c,) from the path between the middle two.
+    """Return how far the cubic through four places (c,) is from the path between the middle two, at most.
 
     velocities: (c,) at the middle two, in 1/s of the places' unit; step: [s] between two places. The movement
     between them is the cubic with their velocities, whose error midway is nine times smaller. The slopes of
@@ -360,7 +381,8 @@ def _missed(
 
 
 def _dot(a: Sequence[float], b: Sequence[float]) -> float:
-    return sum(map(mul, a, b))
+    product: float = sum(map(mul, a, b))
+    return product
 
 
 def _less(a: Sequence[float], b: Sequence[float], times: float) -> list[float]:

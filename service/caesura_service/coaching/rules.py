@@ -58,6 +58,21 @@ def _joint_level(m: Measures, _setup: CoachingSetup) -> float:
     return max(ahead, LOUD) if m.arm.left_now_rad <= JOINT_MARGIN_RAD else ahead
 
 
+def _path_levels(m: Measures, setup: CoachingSetup) -> tuple[float, float]:
+    """Return the levels of what the poses miss: of the path and of the turn along it."""
+    return m.path_error_m / setup.path_tolerance_m, m.turn_error_rad / setup.path_tolerance_rad
+
+
+def _missed_part(m: Measures, setup: CoachingSetup) -> str:
+    """Return as text what the poses miss of the path, or of the turn if that is further beyond its limit."""
+    of_path, of_turn = _path_levels(m, setup)
+    if of_path >= of_turn:
+        limit_mm = 1000 * setup.path_tolerance_m
+        return f"{1000 * m.path_error_m:.0f} mm of the path are not recorded (limit {limit_mm:g} mm)"
+    missed, limit = math.degrees(m.turn_error_rad), math.degrees(setup.path_tolerance_rad)
+    return f"{missed:.0f}° of a turn are not recorded (limit {limit:.3g}°)"
+
+
 def _singular_level(m: Measures, _setup: CoachingSetup) -> float:
     return math.inf if m.arm.singular_value == 0.0 else SINGULAR_BELOW / m.arm.singular_value
 
@@ -82,10 +97,9 @@ RULES: tuple[SignalRule, ...] = (
     ),
     SignalRule(
         Trigger("too_fast", confirm=1),
-        lambda m, setup: m.path_error_m / setup.path_tolerance_m,
+        lambda m, setup: max(_path_levels(m, setup)),
         lambda m, setup: (
-            f"Too fast: up to {1000 * m.path_error_m:.0f} mm of the path are not recorded "
-            f"(limit {1000 * setup.path_tolerance_m:g} mm).",
+            f"Too fast: up to {_missed_part(m, setup)}.",
             "Move more slowly where the path turns.",
         ),
     ),

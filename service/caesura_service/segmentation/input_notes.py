@@ -51,7 +51,10 @@ def frozen_note(since: float) -> str:
 
 
 def too_fast_note(since: float) -> str:
-    """Return the note on a path that turned between two poses; since: [s] when a hint first named it."""
+    """Return the note on a path or a turn that went back between two poses.
+
+    since: [s] when a hint first named it.
+    """
     return (
         f"The hand moved too fast for ten poses a second, first at {fixed(since, 1)} s: a part of its path, "
         "such as shaking, is in no app. Teach it again, more slowly where the path turns."

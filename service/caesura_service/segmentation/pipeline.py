@@ -136,6 +136,8 @@ def _pose(observation: Observation, upright: NDArray[np.float64] | None) -> Obse
         observation.joints,
         observation.after_gap,
         observation.measured_n,
+        None if observation.orientation is None else observation.orientation.tolist(),
+        None if observation.turning is None else observation.turning.tolist(),
     )
 
 
@@ -197,8 +199,6 @@ class SegmentationPipeline:
         self._grips: list[GripperAction] = []
         self._program, self._looked = self._growing(), _NEVER
         self._lost = False  # the next gap was declared, not seen
-        self._frozen: float | None = None  # [s] when a hint first named a force that does not change
-        self._too_fast: float | None = None  # [s] when a hint first named a path that the poses miss
         self._began = math.inf  # [s] first sample
         self._finished = False
         self._program_part: dict[str, Any] = {"apps": (), "notes": (), "unapplied": {}}  # of the view
@@ -375,6 +375,7 @@ class SegmentationPipeline:
                 path_tolerance_m=self._opening.path_tolerance_m or TOLERANCE_M,
                 arm=self._arm,
                 is_tared=tared,
+                path_tolerance_rad=self._opening.path_tolerance_rad or TOLERANCE_RAD,
             )
         )
 
@@ -403,10 +404,6 @@ class SegmentationPipeline:
             self._step(len(self._history) - 1)
             self._keep_up()
             give_way()
-        if self._frozen is None:
-            self._frozen = self._first_hint_s("frozen_force")
-        if self._too_fast is None:
-            self._too_fast = self._first_hint_s("too_fast")
         happened, count = self._happened(), self._division.online.count
         due = self._finished or count >= looked.observations + LOOK_EVERY
         if not due and happened.is_like(looked.happened):
@@ -419,10 +416,6 @@ class SegmentationPipeline:
             self._view = self._look(happened)
         else:
             self._view = self._look(happened, program=False)
-
-    def _first_hint_s(self, kind: str) -> float | None:
-        """Return the time [s] of the first hint of a kind on signals among those kept; None without one."""
-        return next((hint.since for hint in self._coach.log.hints if hint.kind == kind), None)
 
     def _keep_up(self) -> None:
         """Store the settled segments once there are many."""
@@ -576,10 +569,11 @@ class SegmentationPipeline:
         notes = [*self._standing_notes]
         if (doubt := self._conditioner.tare_doubt) and self._in_use.contact_models:
             notes.append(doubt)
-        if self._frozen is not None and self._in_use.contact_models:
-            notes.append(frozen_note(self._frozen))
-        if self._too_fast is not None:
-            notes.append(too_fast_note(self._too_fast))
+        first = self._coach.log.first
+        if (since := first.get("frozen_force")) is not None and self._in_use.contact_models:
+            notes.append(frozen_note(since))
+        if (since := first.get("too_fast")) is not None:
+            notes.append(too_fast_note(since))
         if self._gaps.all:
             notes.append(self._gaps.note(self._began))
         if anew := self._heeded.anew:

@@ -317,24 +317,28 @@ class Conditioner:
         return self._taring.advance(state, first + half, forces, speeds, torques)
 
     def _fit(self, rows: Array, centre: int) -> tuple[Array, Array, float]:
-        """Return the filtered flange row in the middle of a window, the flange's velocity, and its speed
+        """Return the filtered flange row in the middle of a window, its slope [1/s], and the flange's speed
         [m/s].
         """
         both = np.empty((2, rows.shape[1]))
         speed = self._arithmetic.fit(rows, centre, self._filter.taps, self._columns.moving, both)
-        return both[0], both[1, self._columns.position], speed
+        return both[0], both[1], speed
 
     def _filtered(self, state: _State, anchor: float, first: int, recent: Array) -> list[FilteredRow]:
         """Return those of the rows first, first + 1, … that are on the segmentation grid, filtered."""
         half, every = self._filter.half, self._every
         filtered: list[FilteredRow] = []
         for i in range(half + -(first + half) % every, len(recent) - half, every):
-            row, velocity, speed = self._fit(recent, i)
+            row, slope, speed = self._fit(recent, i)
+            velocity, turn = slope[self._columns.position], self._columns.orientation
             t = self._resampler.time_of(anchor, first + i)
             after_gap = state.after_gap and not filtered
             speeds = self._speeds(recent, max(i + 1 - every, half), i)
             number, measured_n = state.rows + len(filtered), self._measured(recent[i])
-            filtered.append(FilteredRow(number, t, row, velocity, speed, speeds, after_gap, measured_n))
+            turning = None if turn is None else slope[turn]
+            filtered.append(
+                FilteredRow(number, t, row, velocity, speed, speeds, after_gap, measured_n, turning)
+            )
         return filtered
 
     def _measured(self, row: Array) -> float | None:

@@ -40,6 +40,7 @@ class Observation:
     torque_base: Array | None = None  # (3,) [Nm] of the environment about the flange, where it is tared
     boundary_before: float | None = None  # [s] of a segment that starts with the observation before
     measured_n: float | None = None  # [N] length of the force as it came, with its bias and unfiltered
+    turning: Array | None = None  # (4,) [1/s] how fast the quaternion changes
 
 
 class FilteredRow(NamedTuple):
@@ -53,6 +54,7 @@ class FilteredRow(NamedTuple):
     speeds: Array  # (n,) [m/s] at the grid rows since the observation before, the last one its own
     after_gap: bool
     measured_n: float | None  # [N] as in Observation
+    turning: Array | None  # (4,) [1/s] as in Observation
 
 
 class Turned(NamedTuple):
@@ -117,4 +119,5 @@ def observation_of(
         torque_base=None if taken is None else tared_torque(row, columns, taken),
         boundary_before=boundary_before,
         measured_n=filtered.measured_n,
+        turning=filtered.turning,
     )

@@ -11,7 +11,8 @@ import pytest
 from caesura_protocol.messages import Hint
 from caesura_service.coaching import ArmLimits, CoachingSetup, ObservedPose, SignalCoach
 from caesura_service.coaching.bias_drift_tracker import DriftState, DriftTracker
-from caesura_service.coaching.measures import path_error
+from caesura_service.coaching.hint_log import CLEARED_KEPT, HintLog
+from caesura_service.coaching.measures import path_error, turn_error
 from caesura_service.constants import TARED_BIAS_N
 from caesura_service.robot import load_panda
 
@@ -290,6 +291,52 @@ def test_what_the_poses_miss_beside_the_middle_counts_too():
     assert path_error(poses) == pytest.approx(np.abs(missed).max(), rel=0.03)
 
 
+def turned(angles: Sequence[float], rates: Sequence[float], flip: int = -1) -> tuple[ObservedPose, ...]:
+    """Four poses about z by angles [rad] with rates [rad/s]; the quaternion of one has the other sign."""
+    poses = []
+    for k, (angle, rate) in enumerate(zip(angles, rates, strict=True)):
+        sine, cosine, sign = math.sin(0.5 * angle), math.cos(0.5 * angle), -1.0 if k == flip else 1.0
+        quaternion = (0.0, 0.0, sign * sine, sign * cosine)
+        turning = (0.0, 0.0, sign * 0.5 * rate * cosine, -sign * 0.5 * rate * sine)
+        poses.append(
+            ObservedPose(STEP_S * k, AT_REST, STILL, STILL, 0.0, None, False, None, quaternion, turning)
+        )
+    return tuple(poses)
+
+
+@pytest.mark.parametrize("flip", [-1, 0, 1, 2, 3])
+def test_a_turn_that_goes_back_between_two_poses_is_missed(flip: int):
+    """Shaking by 20° five times a second, seen where it passes the middle, was in no app and in no note."""
+    turns = 2.0 * math.pi * 5.0
+    rates = [0.35 * turns * (-1) ** k for k in range(4)]
+    missed = turn_error(turned((0.0,) * 4, rates, flip))
+    assert missed == pytest.approx(0.25 * 0.35 * turns * STEP_S, rel=0.01)
+
+
+def test_a_quick_turn_that_stops_at_once_misses_nothing():
+    assert turn_error(turned((0.0, 0.3, 0.5, 0.5), (3.0, 3.0, 0.0, 0.0))) < math.radians(0.5)
+
+
+def test_a_hint_on_a_turn_that_is_too_fast_says_so():
+    coach = SignalCoach(CoachingSetup(False, TARED_BIAS_N, 0.002))
+    for pose in turned((0.0,) * 4, [0.35 * 10.0 * math.pi * (-1) ** k for k in range(4)]):
+        coach.observe(pose)
+    (hint,) = coach.log.hints
+    assert (hint.kind, hint.text) == (
+        "too_fast",
+        "Too fast: up to 16° of a turn are not recorded (limit 1°).",
+    )
+
+
+def test_the_first_hint_of_a_kind_is_known_after_many_others():
+    """Of cleared hints the newest are kept: a note on the first one named a later time."""
+    log = HintLog()
+    for k in range(2 * CLEARED_KEPT):
+        log.raise_hint(Hint(kind="too_fast", since=float(k), text="Too fast.", advice="Slower."))
+        log.clear("too_fast", k + 0.5)
+    assert log.first == {"too_fast": 0.0}
+
+
 @pytest.fixture(scope="module")
 def panda() -> ArmLimits:
     robot = load_panda()
@@ -351,7 +398,7 @@ def test_a_straight_elbow_is_near_a_singularity(panda: ArmLimits):
 
 def test_a_hint_is_raised_once_cleared_when_over_and_not_again_for_a_while():
     def twice(calm: int) -> tuple[Hint, ...]:
-        """Shaken twice, and turned back between two poses: beyond the limit, and not beyond twice the limit."""
+        """Shaken twice, turning back between poses: beyond the limit, and not beyond twice the limit."""
         turns = 2.0 * math.pi * STEP_S * (np.arange(18) + 0.5) / 0.6
         x, v = 0.4 + 0.11 * (np.cos(turns[0]) - np.cos(turns)), 0.22 * math.pi / 0.6 * np.sin(turns)
         positions = [(float(one), 0.0, 0.3) for one in x]

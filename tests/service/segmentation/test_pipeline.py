@@ -308,6 +308,20 @@ def test_shaking_that_ten_poses_a_second_miss_is_a_note() -> None:
     assert not any(note.startswith(said) for note in segmented(still).notes)
 
 
+def test_turning_back_and_forth_that_ten_poses_a_second_miss_is_a_note() -> None:
+    """Shaking by 20° was one straight movement, and nothing stated that."""
+    still = guided()
+    after_s = np.maximum(still.t - still.t[-1] + 2.5, 0.0)
+    half = 0.5 * 0.35 * np.clip(after_s / 0.2, 0.0, 1.0) * np.sin(2.0 * np.pi * 5.0 * after_s)
+    none = np.zeros_like(half)
+    said = "The hand moved too fast for ten poses a second, first at "
+    for turns, count in ((half, 1), (none, 0)):
+        quat = np.column_stack([np.cos(turns), np.sin(turns), none, none])
+        signals = MappingProxyType({**still.signals, "quat": quat})
+        notes = segmented(replace(still, signals=signals)).notes
+        assert [note.startswith(said) for note in notes].count(True) == count
+
+
 COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz", "gripper")
 
 

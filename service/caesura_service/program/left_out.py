@@ -26,11 +26,9 @@ from caesura_protocol.rotations import align_signs, angle_between
 from caesura_protocol.up_direction import UP
 from caesura_service.constants import GRAVITY
 from caesura_service.program.carried_loads import hangs
-from caesura_service.program.paths import PosesBetween
-from caesura_service.program.program_segment import PUSHES_BACK_N, Moment, MomentAt, length
+from caesura_service.program.program_segment import OBSERVED_S, PUSHES_BACK_N, Moment, MomentAt, length
 
 NAMED = 5  # touches in a note, the strongest ones, and detours, the widest ones
-BLOCK_S = 60.0  # of a rest that is read at once
 Array = NDArray[np.float64]
 
 LEFT_OUT = "Taught and in no app: "
@@ -96,10 +94,6 @@ class _Detour(NamedTuple):
     off_m: float
     off_rad: float
 
-    def joined_to(self, before: _Detour) -> _Detour:
-        off_m, off_rad = max(self.off_m, before.off_m), max(self.off_rad, before.off_rad)
-        return _Detour(before.began, self.ended, off_m, off_rad)
-
     @property
     def size(self) -> float:
         return max(self.off_m / STRAYED_M, self.off_rad / STRAYED_RAD)
@@ -113,18 +107,18 @@ class _Detour(NamedTuple):
         )
 
 
-def detours(apps: Sequence[App], poses_between: PosesBetween, began: float, ended: float) -> Iterator[str]:
+def detours(apps: Sequence[App], times: Array, poses: Array) -> Iterator[str]:
     """Yield text on where the hand left the straight way and came back, while no app has a path.
 
     There the robot stands, goes straight to the next path, or pushes straight to its target.
 
-    apps: as they were inferred, in time order; poses_between: as of `Paths`; began, ended: of the
-    demonstration [s].
+    apps: as they were inferred, in time order; times: (n,) [s] of all observations; poses: (n, 7) of the
+    flange, orientations nan where unknown.
     """
     found = [
         one
-        for t0, tn, pushes in _parts_without_path(apps, began, ended)
-        for one in _detours_between(poses_between, t0, tn, turns_only=pushes)
+        for t0, tn, pushes in _parts_without_path(apps, float(times[0]), float(times[-1]))
+        for one in _detours_in(*_between(t0, tn, times, poses), turns_only=pushes)
     ]
     widest = sorted(found, key=lambda one: one.size)[-NAMED:]
     yield from (one.text for one in found if one in widest)
@@ -148,25 +142,22 @@ def _parts_without_path(
     yield t, ended, False
 
 
-def _detours_between(poses_between: PosesBetween, t0: float, tn: float, *, turns_only: bool) -> list[_Detour]:
-    """Return the detours from the straight way between the poses at two times [s].
+def _between(t0: float, tn: float, times: Array, poses: Array) -> tuple[Array, Array]:
+    """Return the times and poses of the observations from one time [s] to another."""
+    half = 0.5 * OBSERVED_S
+    part = slice(np.searchsorted(times, t0 - half), np.searchsorted(times, tn + half))
+    return times[part], poses[part]
+
+
+def _detours_in(times: Array, poses: Array, *, turns_only: bool) -> Iterator[_Detour]:
+    """Yield the detours from the straight way between the first and the last pose.
 
     turns_only: without those of the position.
     """
-    found: list[_Detour] = []
-    if tn <= t0:
-        return found
-    first, last = poses_between(t0, t0)[1][0], poses_between(tn, tn)[1][-1]
-    for begin in np.arange(t0, tn, BLOCK_S).tolist():
-        times, poses = poses_between(begin, min(begin + BLOCK_S, tn))
-        for one in _detours_in(times, *_off_straight(poses, first, last, turns_only=turns_only)):
-            goes_on = found and one.began <= found[-1].ended
-            found = [*found[:-1], one.joined_to(found[-1])] if goes_on else [*found, one]
-    return found
-
-
-def _detours_in(times: Array, off_m: Array, off_rad: Array) -> Iterator[_Detour]:
-    """Yield each run of observations that are off the straight way by more than a limit, all (n,)."""
+    if len(times) < 3:
+        return
+    off_rad = np.nan_to_num(_off_turn(poses[:, 3:]))
+    off_m = np.linalg.norm(_off_line(poses[:, :3]), axis=1) * (not turns_only)
     away = np.round(off_m, 4) > STRAYED_M
     away |= np.round(np.degrees(off_rad), 1) > math.degrees(STRAYED_RAD)
     edges = np.flatnonzero(np.diff(away.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
@@ -175,32 +166,20 @@ def _detours_in(times: Array, off_m: Array, off_rad: Array) -> Iterator[_Detour]
         yield _Detour(float(times[low]), float(times[high - 1]), *off)
 
 
-def _off_straight(poses: Array, first: Array, last: Array, *, turns_only: bool) -> tuple[Array, Array]:
-    """Return how far (n,) [m] and by which angles (n,) [rad] poses are off the straight way between two.
-
-    0 for angles that are not known.
-    """
-    off_m = off_rad = np.zeros(len(poses))
-    if not turns_only:
-        off_m = np.linalg.norm(_off_line(poses[:, :3], first[:3], last[:3]), axis=1)
-    if poses.shape[1] == len(first) == len(last) == 7:
-        off_rad = _off_turn(poses[:, 3:], first[3:], last[3:])
-    return off_m, off_rad
-
-
-def _off_line(points: Array, first: Array, last: Array) -> Array:
-    """Return the vectors (n, c) to points (n, c) from their nearest places between two others (c,)."""
-    away, step = points - first, last - first
+def _off_line(points: Array) -> Array:
+    """Return the vectors (n, c) to points (n, c) from their nearest places between the first and the last."""
+    away, step = points - points[0], points[-1] - points[0]
     share = np.clip(away @ step / max(float(step @ step), 1e-18), 0.0, 1.0)
-    return away - share[:, None] * step
+    off: Array = away - share[:, None] * step
+    return off
 
 
-def _off_turn(quaternions: Array, first: Array, last: Array) -> Array:
-    """Return the angles (n,) [rad] of quaternions (n, 4) from the turn between two others (4,)."""
-    turned = np.vstack([first, quaternions, last])
+def _off_turn(quaternions: Array) -> Array:
+    """Return the angles (n,) [rad] of quaternions (n, 4) from the turn between the first and the last one."""
+    turned = quaternions.copy()
     align_signs(turned)
-    nearest = turned[1:-1] - _off_line(turned[1:-1], turned[0], turned[-1])
-    cosine = np.vecdot(turned[1:-1], nearest) / np.linalg.norm(nearest, axis=1)
+    nearest = turned - _off_line(turned)
+    cosine = np.vecdot(turned, nearest) / np.linalg.norm(nearest, axis=1)
     angles: Array = 2.0 * np.arccos(np.minimum(cosine, 1.0))
     return angles
 

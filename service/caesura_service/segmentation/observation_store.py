@@ -196,6 +196,15 @@ class ObservationStore:
         known = not np.isnan(turns).any()
         return rows[:, _T].copy(), np.hstack([rows[:, _POSITION], turns] if known else [rows[:, _POSITION]])
 
+    def all_poses(self) -> tuple[Array, Array]:
+        """Return times (n,) [s] and flange poses (n, 7) of all observations, orientations nan if unknown."""
+        blocks = [np.empty((0, 8))]
+        for start in range(0, self._count, POSES):
+            rows = self._rows(start, min(start + POSES, self._count) - 1, POSES)
+            blocks.append(np.column_stack([rows[:, _T], rows[:, _POSITION], rows[:, _ORIENTATION]]))
+        found = np.vstack(blocks)
+        return found[:, 0], found[:, 1:]
+
     def openings(self) -> tuple[Array, Array]:
         """Return times (n,) [s] and openings of the fingers (n,) [m], nan where unknown.
 

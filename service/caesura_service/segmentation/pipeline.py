@@ -551,7 +551,7 @@ class SegmentationPipeline:
             return
         if self._moves(1):
             yield BEGINS_MOVING
-        ways = detours(apps, self._history.poses, segments[0].t0, segments[-1].tn)
+        ways = detours(apps, *self._history.all_poses())
         fingers = missed_finger_motion(*self._history.openings(), self._grips)
         if note := left_out_note(segments, apps, self._history.moment, self._program.up, (*ways, *fingers)):
             yield note

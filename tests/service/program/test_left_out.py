@@ -147,14 +147,8 @@ def led(
 
 def found(poses: NDArray[np.float64], *between: App) -> list[str]:
     """The detours of a program that moves in the first and in the last second."""
-
-    def poses_between(t0: float, tn: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        first, last = (int(np.abs(TIMES - t).argmin()) for t in (t0, tn))
-        return TIMES[first : last + 1], poses[first : last + 1]
-
-    ended = float(TIMES[-1])
-    apps = (move(0.0, A, B), *between, move(ended - 1.0, B, C))
-    return list(detours(apps, poses_between, 0.0, ended))
+    apps = (move(0.0, A, B), *between, move(float(TIMES[-1]) - 1.0, B, C))
+    return list(detours(apps, TIMES, poses))
 
 
 def test_a_detour_between_two_paths_is_named_with_its_time_however_long_the_rest_is():
@@ -182,8 +176,13 @@ def test_a_drift_along_the_straight_way_is_no_detour():
     assert found(poses) == []
 
 
+def test_a_robot_without_orientations_has_detours_of_its_position():
+    poses = led((20.05, 21.0, 0.0072))
+    poses[:, 3:] = np.nan
+    assert found(poses) == ["7.2 mm off the straight way and back at 20.1–21.0 s"]
+
+
 def test_of_many_detours_the_widest_are_named():
     texts = found(led(*((10.0 * k + 0.05, 10.0 * k + 1.0, 0.001 * (5 + k)) for k in range(1, 8))))
     assert [text.split(" ")[0] for text in texts] == ["8.0", "9.0", "10.0", "11.0", "12.0", "2"]
     assert texts[-1] == "2 lesser detours"
-    assert found(led((60.05, 62.0, 0.01))) == ["10.0 mm off the straight way and back at 60.1–62.0 s"]

@@ -71,12 +71,17 @@ REACH_M = 1e-3  # from the start of the path
 OFF_M, OFF_RAD = 1e-3, math.radians(0.5)  # from the taught path to the re-timed one
 FINGERS_DOWN = (1.0, 0.0, 0.0, 0.0)
 SMOOTHED = 0.8  # of what a path may be off; the rest is for the via points that lead along it
+SMOOTHED_LESS = 0.5  # likewise, where that leaves them too little
 SMOOTHNESS = -10.0, 1.0  # decimal logarithms of the least and the largest weight of a smoothing [m³]
 HALVINGS = 8  # rounds in which the largest weight is found that is near enough
 LOOKS, FIXED = 2, 1e6  # at a path between two knots; weight of its ends
 CREPT_M = 0.5 * ASTRAY_M  # the executor goes onto a path whose start is up to `ASTRAY_M` away
 TOO_FAST = "the hand was faster than the limits allow, of the robot or towards a contact"
 TICKS_PER_S = 1000.0  # a movement takes whole ticks of the robot's controller
+
+
+class _OffPathError(TimeLawError):
+    """The re-timed path is too far from the taught one."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +147,27 @@ def _fastest(
     app: ProgramStep, following: App | None, still: Array, robot: Robot, limits: MotionLimits, safety: Safety
 ) -> ProgramStep:
     """Return the app at its fastest, from its taught start on. Raises ValueError if it cannot be timed."""
-    way = _way(app, still, robot)
+
+    def along(share: float) -> ProgramStep:
+        way = _way(app, still, robot, share)
+        return _fastest_along(way, app, following, still, robot, limits, safety)
+
+    try:
+        return along(SMOOTHED)
+    except _OffPathError:
+        return along(SMOOTHED_LESS)
+
+
+def _fastest_along(
+    way: _Way,
+    app: ProgramStep,
+    following: App | None,
+    still: Array,
+    robot: Robot,
+    limits: MotionLimits,
+    safety: Safety,
+) -> ProgramStep:
+    """Return the app at its fastest along a smoothed path. Raises ValueError if it cannot be timed."""
     until = approach_direction(app, following, matrix_of(app.orientation or FINGERS_DOWN))
 
     def slower(one: ProgramStep) -> Array:
@@ -248,18 +273,18 @@ def _scaled(made: ProgramStep, hurried: Callable[[ProgramStep], float]) -> Progr
 def _on_its_path(app: App, made: ProgramStep) -> ProgramStep:
     """Return the re-timed app, with its deviation from the taught path added to its stated deviations.
 
-    Raises TimeLawError where that is more than `OFF_M` or `OFF_RAD`.
+    Raises _OffPathError where that is more than `OFF_M` or `OFF_RAD`.
     """
     assert made.path is not None, "is timed by its path"
     curves = curve_of(app), curve_of(made)
     taught, reproduced = (one.sampled(math.ceil(PLACES / (len(one.t) - 1))) for one in curves)
     off_m, off_rad = furthest([(taught, reproduced), (reproduced, taught)], OFF_M, OFF_RAD)
     if off_m > OFF_M:
-        raise TimeLawError(
+        raise _OffPathError(
             f"its path would be {1000 * off_m:.1f} mm off, at most {1000 * OFF_M:g} mm are allowed"
         )
     if off_rad > OFF_RAD:
-        raise TimeLawError(
+        raise _OffPathError(
             f"its path would be turned by {math.degrees(off_rad):.1f}°, "
             f"at most {math.degrees(OFF_RAD):g}° are allowed"
         )
@@ -282,7 +307,8 @@ def _towards_contact(app: App, until: Array, safety: Safety) -> Curve:
     return app_path(app, start[:3], rotation, app.tn - app.t0, arriving)
 
 
-def _way(app: ProgramStep, still: Array, robot: Robot) -> _Way:
+def _way(app: ProgramStep, still: Array, robot: Robot, smoothed: float) -> _Way:
+    """Return the taught path smoothed by a share of what it may be off."""
     path, curve = app.path, curve_of(app)
     assert path is not None, "is timed by its path"
     fine = curve.sampled(FINE)
@@ -296,7 +322,7 @@ def _way(app: ProgramStep, still: Array, robot: Robot) -> _Way:
     left_m = min(OFF_M, path.tolerance_m - path.deviation_m)
     left_rad = min(OFF_RAD, path.tolerance_rad - path.deviation_rad)
     poses = poses_at(curve, np.interp(places, along, times), still)
-    geometry = _smoothed(places, poses, SMOOTHED * left_m, SMOOTHED * left_rad)
+    geometry = _smoothed(places, poses, smoothed * left_m, smoothed * left_rad)
     places = places[::LOOKS]
     poses = unit(geometry(places))
     seed = robot.postures[0] if app.joints is None else np.array(app.joints)

@@ -165,6 +165,24 @@ def test_a_movement_that_turns_back_just_before_its_end_does_not_creep_there() -
     assert fast.apps[0].tn - fast.apps[0].t0 < 0.68
 
 
+@pytest.mark.parametrize("name", ["panda", "ur10e"])
+def test_a_movement_that_overshoots_its_end_by_2_mm_is_re_timed(name: str) -> None:
+    """It was smoothed by 0.8 mm, so via points led 1.1 mm beside the taught path, and it stayed as taught."""
+    arm = load_robot(name)
+    (place,), _ = arm.flange_poses(np.array(arm.postures[:1]))
+    x, y, z = place.tolist()
+    one = move(1.0, (x, y, z), (x, y, z - 0.1))
+    via = tuple(
+        ViaPoint(t=1.0 + 0.25 * k, position=(x, y, z - down_m), orientation=one.orientation)
+        for k, down_m in enumerate((0.04, 0.08, 0.102), start=1)
+    )
+    assert one.path is not None
+    path = one.path.model_copy(update={"via": via})
+    fast = optimal(as_file((one.model_copy(update={"path": path}),)), robot=arm)
+    assert fast.timing is not None
+    assert fast.timing.retimed == (0,)
+
+
 @pytest.fixture(scope="module")
 def runs(programs: dict[str, tuple[ProgramFile, ProgramFile]]) -> dict[str, tuple[RunResult, RunResult]]:
     """Runs on the simulated robot, of those that meet a contact: as taught, and at its fastest."""

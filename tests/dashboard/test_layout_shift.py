@@ -214,6 +214,41 @@ def test_the_answer_to_a_correction_is_in_sight_wherever_in_the_plots_it_is_made
     assert opened.errors == []
 
 
+# Where the list of apps is [px], and how much room is kept between the exports and what is folded.
+LIST = """() => {
+  const box = (name) => document.querySelector(name).getBoundingClientRect(), { y, height } = box(".apps");
+  return [Math.round(y), Math.round(height), box(".unfolded").y - box(".exports").bottom];
+}"""
+LINE_PX = 24.0  # of a message
+GAPS_PX = 16.0  # above and below it
+
+
+def test_an_edit_moves_no_app_and_one_line_is_kept_for_what_is_said(stage: Stage, opened: Visitor):
+    """Two empty lines stood above the list, and the first edit brought a line above and one below it."""
+    stage.teach("cell-4", guided(), session="over", pace="fast")
+    stage.wait("cell-4")
+    opened.begin_again(DESK)
+    opened.is_called("Ann", stage.dashboard.url)
+    page = opened.page
+    page.goto(f"{stage.dashboard.url}/sessions/cell-4/over")
+    card = page.locator(".app").first
+    card.get_by_text("Edit", exact=True).click()
+    before = page.evaluate(LIST)
+    card.locator(".app-note").fill("gently")
+    card.locator(".save").click()
+    expect(page.locator(".program-said")).to_contain_text("note set")
+    expect(page.locator(".edits")).to_be_visible()
+    expect(page.locator(".versions")).to_be_visible()
+    assert page.evaluate(LIST) == before
+    assert before[2] <= LINE_PX + GAPS_PX
+    expect(page.locator("#program-title")).to_contain_text("edited by Ann")
+    page.locator(".undo-edit").click()
+    expect(page.locator(".program-said")).to_have_text("Undo done.")
+    expect(page.locator("#program-title"), "no correction was made").to_contain_text("changed by Ann")
+    assert page.evaluate(LIST) == before
+    assert opened.errors == []
+
+
 def test_the_menu_of_corrections_leaves_the_segment_in_sight(stage: Stage, opened: Visitor):
     """At a desk and on a tablet it covered half of the segment, and on a phone the band."""
     stage.teach("cell-2", guided(), session="over", pace="fast")

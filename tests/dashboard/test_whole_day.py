@@ -24,6 +24,7 @@ from dashboard.browser import (
     PHONE,
     SIZES,
     TABLET,
+    UPRIGHT,
     Visitor,
     looks_right,
     needs_chromium,
@@ -267,7 +268,7 @@ def find(stage: Stage, page: Page) -> None:
     """The day after: search the list for words of its description, and open it."""
     page.goto(f"{stage.dashboard.url}/sessions")
     page.locator("table.sessions tbody tr").first.wait_for()
-    for size in (DESK, TABLET):
+    for size in (DESK, TABLET, UPRIGHT):
         page.set_viewport_size(size)
         assert page.locator(".scroll").evaluate("(list) => list.scrollWidth - list.clientWidth") == 0
     page.set_viewport_size(DESK)

@@ -142,11 +142,10 @@ def parse(request: Request) -> EditProgram:
 def editing_of(program: Program, clock: SessionClock = NO_OFFSET) -> dict[str, Any]:
     """Return the payload on a program's edits, the availability of undo and redo, and its exports."""
     states = [edit.state for edit in program.edits]
-    is_edit = program.revision == 0 or any(edit.at == program.edited for edit in program.edits)
     return {
         "session": program.session,
         "name": program.name or "",
-        "changed": "edited" if is_edit else "corrected",
+        "changed": _changed(program),
         "editRevision": program.edit_revision,
         "undoable": any(state != "undone" for state in states),
         "redoable": "undone" in states,
@@ -159,6 +158,13 @@ def editing_of(program: Program, clock: SessionClock = NO_OFFSET) -> dict[str, A
         "dataset": f"/datasets?session={program.station}/{program.session}" if program.complete else "",
         "grippers": _grippers_of(program),
     }
+
+
+def _changed(program: Program) -> str:
+    """Return how the program was changed last: edited, corrected, or changed, as by an undo."""
+    if any(edit.at == program.edited for edit in program.edits):
+        return "edited"
+    return "corrected" if any(one.at == program.edited for one in program.corrections) else "changed"
 
 
 def _kind_row(kind: AppKind) -> list[Any]:

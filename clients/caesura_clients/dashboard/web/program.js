@@ -45,12 +45,14 @@ export default {
         <form v-if="asked" class="who-edits" aria-label="Who edits" @submit.prevent="sign" @keydown.esc.stop="asked = null">
           <label>Your name <input ref="author" class="author" v-model="draft" maxlength="64" autocomplete="name" required></label>
           <button class="save-name">Save</button> <button type="button" @click="asked = null">Cancel</button></form>
-        <staying class="program-said" :class="{ failed }" :lines="editable ? 2 : 0">{{ message }}</staying>
+        <staying class="program-said" :class="{ failed }" :lines="editable ? 1 : 0">{{ message }}</staying>
       </div>
-      <details v-if="program && program.notes.length" class="program-notes"><summary>Notes: {{ program.notes.length }}</summary>
+      <div v-if="program" class="unfolded">
+      <details v-if="program.notes.length" class="program-notes"><summary>Notes: {{ program.notes.length }}</summary>
         <ul class="notes" aria-label="Notes"><li v-for="note in program.notes" :key="note">{{ note }}</li></ul></details>
-      <program-versions v-if="program && program.edits.length" :key="program.session" :edits="program.edits" ref="versions"
+      <program-versions v-if="program.edits.length" :key="program.session" :edits="program.edits" ref="versions"
         @compare="$emit('compare', $event)"></program-versions>
+      </div>
       <program-parts v-if="program && (program.before || program.after)" :before="program.before" :count="program.apps.length" :after="program.after"
         :found="program.found" @list="list" @seek="seek"></program-parts>
       <ol v-if="program && program.apps.length" ref="apps" class="apps" tabindex="0" aria-label="Apps in order">
@@ -61,11 +63,13 @@ export default {
       <ul v-if="program && program.findings.length" class="findings" aria-label="Check of the program">
         <li v-for="[severity, reason] in program.findings" :key="reason" :class="severity">{{ severity }}: {{ reason }}</li>
       </ul>
-      <details v-if="program && editable" class="app-edit first-app" @toggle="inserts = $event.target.open"><summary>New first app</summary>
+      <div v-if="program" class="unfolded">
+      <details v-if="editable" class="app-edit first-app" @toggle="inserts = $event.target.open"><summary>New first app</summary>
         <new-app v-if="inserts" :near="program.before ? null : program.apps[0]" :kinds="program.kinds" :busy="busy" @edit="say"></new-app></details>
-      <details v-if="program && program.edits.length" class="edits"><summary>Edits: {{ program.edits.length }}</summary>
+      <details v-if="program.edits.length" class="edits"><summary>Edits: {{ program.edits.length }}</summary>
         <ol><li v-for="[number, words, author, state, reason] in program.edits" :key="number" :value="number" :class="{ failed: reason }">
           {{ words }} – {{ author }}, {{ state }}{{ reason ? ": " + reason : "" }}</li></ol></details>
+      </div>
     </section>
     <program-path v-if="program && program.path.length" :rows="program.path" :start="program.start" :part="program.pathBefore + program.pathAfter > 0" :speeds="speeds" :elsewhere="program.elsewhere" ref="path"
       @simulate="(speed) => $emit('simulate', speed)" @cancel="$emit('cancel')"></program-path>

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 
 import httpx
 import pytest
@@ -11,6 +12,7 @@ from starlette.responses import FileResponse, HTMLResponse
 from starlette.routing import Route
 
 from caesura_clients.dashboard.compression import FileCompression
+from caesura_clients.dashboard.pages import layout
 from dashboard.conftest import ran
 
 TEXT = "let a = 1;\n" * 20_000  # more than a file is read at once
@@ -78,7 +80,7 @@ def test_what_changes_is_handed_on(client, asked):
     assert len(asked) == 2
 
 
-PAGE = """<link href="/assets/one.css"><script src="/samples/one.js"></script>
+PAGE = """<link href="/assets/one.css?e0f1"><script src="/samples/one.js"></script>
 <script type="importmap">{"imports": {"own/": "/assets/key/", "other": "/assets/other.js"}}</script>"""
 
 
@@ -113,3 +115,16 @@ def test_the_files_of_a_page_are_compressed_before_a_browser_asks(asked, tmp_pat
     assert answer_kept.text == TEXT
     assert answer_kept.headers["content-encoding"] == "gzip"
     assert asked == ["/page", *files]
+
+
+def test_a_file_of_another_version_has_another_address(monkeypatch, tmp_path):
+    """A browser keeps a file for an hour: after an update, pages had the styles of the version before."""
+    monkeypatch.setattr(layout, "WEB", tmp_path)
+    urls = []
+    for content in ("a {}", "b {}", "a {}"):
+        (tmp_path / "style.css").write_text(content)
+        urls.append(layout.asset_url("style.css"))
+    assert urls[0] == urls[2] != urls[1]
+    named = re.findall(r'"(/assets/[^"]+)"', layout.HEAD)
+    assert len(named) == 2 + len(layout.STYLES)
+    assert all(re.fullmatch(r"[^?]+\?[0-9a-f]{8}", one) for one in named)

@@ -120,7 +120,7 @@ class FileCompression(GZipMiddleware):
 
     def _files_of(self, page: str) -> set[str]:
         """Return the paths of the files and modules that a page loads; its import map lists many more."""
-        named = set(re.findall(r"""(?:href=|src=|from )["'](/[^"'\s?]+)["']""", page))
+        named = set(re.findall(r"""(?:href=|src=|from )["'](/[^"'\s?]+)[?"']""", page))
         for package, path in self._modules:
             found = re.search(rf'"{re.escape(package)}/": ?"(/[^"]+)"', page)
             named |= {found[1] + path} if found else set()

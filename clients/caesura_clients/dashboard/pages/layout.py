@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
@@ -13,6 +14,7 @@ from nicegui.elements.mixins.text_element import TextElement
 from caesura_clients.dashboard.correction_requests import Corrector
 from caesura_clients.dashboard.demonstration_control import DemonstrationDesk
 from caesura_clients.dashboard.network_follower import NetworkFollower
+from caesura_clients.dashboard.nicegui_elements import WEB
 from caesura_clients.dashboard.program_simulation import Simulator
 from caesura_clients.dashboard.recordings import RecordingDesk
 
@@ -20,14 +22,18 @@ ASSETS = "/assets"
 TICK_S = 0.1  # updates of a page; ten a second at most
 SLOW_TICK_S = 1.0
 MENU = (("/", "Stations"), ("/sessions", "Sessions"), ("/recordings", "Recordings"), ("/system", "System"))
-_HEAD = (
-    f'<script src="{ASSETS}/theme.js"></script>'
-    f'<script src="{ASSETS}/login.js" defer></script>'
-    f'<link rel="stylesheet" href="{ASSETS}/vendor/uplot/uPlot.min.css">'
-    f'<link rel="stylesheet" href="{ASSETS}/style.css">'
-    f'<link rel="stylesheet" href="{ASSETS}/session.css">'
-    f'<link rel="stylesheet" href="{ASSETS}/hints.css">'
-    '<meta name="robots" content="noindex">'
+STYLES = ("vendor/uplot/uPlot.min.css", "style.css", "session.css", "hints.css")
+
+
+def asset_url(path: str) -> str:
+    """Return the URL of a file of `web` with a digest of its content: a browser keeps files for an hour."""
+    return f"{ASSETS}/{path}?{hashlib.blake2b((WEB / path).read_bytes(), digest_size=4).hexdigest()}"
+
+
+HEAD = (
+    f'<script src="{asset_url("theme.js")}"></script><script src="{asset_url("login.js")}" defer></script>'
+    + "".join(f'<link rel="stylesheet" href="{asset_url(path)}">' for path in STYLES)
+    + '<meta name="robots" content="noindex">'
 )
 
 
@@ -61,7 +67,7 @@ class Title:
 @contextmanager
 def page(title: str, here: str) -> Iterator[Title]:
     """Build the frame around a page's content. here: the menu's entry of this page."""
-    ui.add_head_html(_HEAD)
+    ui.add_head_html(HEAD)
     with ui.header(wrap=False, fixed=False), Element("div").classes("bar-top"):
         text("span", "Caesura").classes("name")
         with Element("nav").props('aria-label="Pages"'):

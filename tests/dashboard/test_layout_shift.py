@@ -249,6 +249,51 @@ def test_an_edit_moves_no_app_and_one_line_is_kept_for_what_is_said(stage: Stage
     assert opened.errors == []
 
 
+def test_the_answer_to_an_edit_is_in_sight_on_a_phone(stage: Stage, opened: Visitor):
+    """It stood above the cards: who saved a form that is scrolled did not see that it was refused."""
+    stage.teach("cell-4", guided(), session="phone", pace="fast")
+    stage.wait("cell-4")
+    opened.begin_again(PHONE)
+    opened.is_called("Ann", stage.dashboard.url)
+    page = opened.page
+    page.goto(f"{stage.dashboard.url}/sessions/cell-4/phone")
+    card, said = page.locator(".app").nth(1), page.locator(".program-said")
+    card.get_by_text("Edit", exact=True).click()
+    card.locator(".app-name").fill("Press the pump")
+    card.locator(".save").evaluate("(save) => save.scrollIntoView()")
+    card.locator(".save").click()
+    expect(said).to_contain_text("name set")
+    expect(said).to_be_in_viewport(ratio=1)
+    expect(page.locator(".exports")).not_to_be_in_viewport()
+    assert opened.errors == []
+
+
+MOUSE = """() => {
+  window.presses = [];
+  addEventListener("mousedown", ({ target }) => presses.push(target.className), true);
+}"""
+
+
+def test_a_finger_that_is_lifted_after_a_long_press_presses_nothing_of_the_menu(
+    stage: Stage, opened: Visitor
+):
+    """The browser clicked what the menu had put under the finger: a field, which brought up the keyboard."""
+    stage.teach("cell-4", guided(), session="lifted", pace="fast")
+    stage.wait("cell-4")
+    opened.begin_again(PHONE)
+    opened.is_called("Ann", stage.dashboard.url)
+    page = opened.page
+    page.goto(f"{stage.dashboard.url}/sessions/cell-4/lifted")
+    operator = Operator.at(page, opened)
+    page.locator(".panel[data-signal=force]").scroll_into_view_if_needed()
+    page.evaluate(MOUSE)
+    operator.touch_for_long(1.4)
+    expect(page.locator(".correct-menu .insert")).to_be_focused()
+    page.evaluate("() => new Promise((seen) => requestAnimationFrame(() => setTimeout(seen)))")
+    assert page.evaluate("() => presses") == []
+    assert opened.errors == []
+
+
 def test_the_menu_of_corrections_leaves_the_segment_in_sight(stage: Stage, opened: Visitor):
     """At a desk and on a tablet it covered half of the segment, and on a phone the band."""
     stage.teach("cell-2", guided(), session="over", pace="fast")

@@ -36,6 +36,9 @@ export const pointer = {
         this.openMenu(this.pressedAt, y);
       }, LONG_MS);
     },
+    lifted(event) { // after a long press, the browser would click what the menu has put under the finger
+      if (this.menu) event.preventDefault();
+    },
     height(event) {
       return event.clientY - this.$refs.plots.getBoundingClientRect().top;
     },

@@ -73,7 +73,7 @@ export const template = `
     <div v-show="session" class="plots-frame">
     <div ref="plots" class="plots" :class="{ takes: canTake }" tabindex="0" role="application" :aria-describedby="linked ? null : 'plot-help'"
       :aria-label="'Signals against time, with segments and changepoints' + (linked ? ' of ' + station : '')" @pointerdown="pressed" @pointermove="dragged"
-      @pointerup="released" @pointercancel="released" @wheel.prevent="wheeled" @keydown="key"
+      @pointerup="released" @pointercancel="released" @touchend="lifted" @wheel.prevent="wheeled" @keydown="key"
       @contextmenu="pointedAt">
       <canvas ref="band" class="band"></canvas>
       <div ref="panels" class="panels" :style="{ '--count': chosen.length }"></div>

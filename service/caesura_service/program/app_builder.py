@@ -40,6 +40,7 @@ from caesura_service.program.joined_strokes import (
     only_touches,
     rest_force_n,
     stands,
+    stroke_aslant,
     stroke_force,
 )
 from caesura_service.program.paths import Paths
@@ -416,6 +417,7 @@ def _slides(group: _Group) -> Iterable[App]:
         felt = forces_felt(step.base, times, group.moment_at)
         others = {
             "weaker_n": weaker_force(felt, force, len(times)),
+            "aslant": stroke_aslant(step, group.moment_at),
             "stronger_n": _stronger(felt, step, length(force), rests.values(), group),
         }
         changes = _forces(force, group.force_limit_n) | rests | others

@@ -60,7 +60,7 @@ def stronger_force(felt: Array, newton: float) -> float | None:
     return most if most >= newton + UNLIKE_N else None
 
 
-def force_aslant(felt: Array, force: Vector) -> Vector | None:
+def force_aslant(felt: Array, force: Vector | Array) -> Vector | None:
     """Return the force [N] that the robot would exert as one held in another direction than `force`.
 
     Of several the one that differs most; None without one. It is held as a weaker one is (`weaker_force`).

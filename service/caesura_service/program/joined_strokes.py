@@ -22,6 +22,7 @@ from caesura_protocol.messages import ScrewMotion, Segment, Vector
 from caesura_protocol.rotations import angle_between, matrix_of
 from caesura_protocol.screw_torque_and_text import exerted, stop_torque_nm, torque_about_axis
 from caesura_service.constants import HANDS_BREADTH_M, TURN_SHARE
+from caesura_service.program.held_forces import force_aslant
 from caesura_service.program.program_segment import (
     OBSERVED_S,
     PUSHES_BACK_N,
@@ -174,6 +175,24 @@ def may_end_movement(step: ProgramSegment) -> bool:
     contact.
     """
     return length(step.moved) < DECAY_REACH_M
+
+
+def stroke_aslant(stroke: ProgramSegment, moment_at: MomentAt) -> Vector | None:
+    """Return the force (3,) [N] that the robot would exert as one held in another direction than the stroke.
+
+    Of several, as in the rests beside it, the one that differs most; None without one (`force_aslant`). As
+    the force of the stroke, it is that at the orientation that the tool has halfway.
+    """
+    turn, force = _median(_felt([stroke], moment_at), PRESS_SHARE)
+    if force is None:
+        return None
+    parts = (stroke.rests_before, (stroke,), stroke.rests_after)
+    others = (force_aslant(_felt(part, moment_at).force, force) for part in parts)
+    found = [np.array(one) for one in others if one is not None]
+    if not found:
+        return None
+    x, y, z = (turn @ max(found, key=lambda one: length(one + force))).tolist()
+    return x, y, z
 
 
 class _Felt(NamedTuple):

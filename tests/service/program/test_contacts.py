@@ -284,6 +284,36 @@ def test_a_force_that_was_held_in_another_direction_is_stated(
     assert press.aslant == (expected if aslant else None)
 
 
+@pytest.mark.parametrize(
+    ("begins", "turns", "aslant"), [(9.5, False, None), (6.2, False, (-12.0, 0.0, -12.0)), (6.2, True, None)]
+)
+def test_a_force_in_another_direction_that_was_held_beside_a_stroke_is_stated(
+    begins: float, turns: bool, aslant: tuple[float, float, float] | None
+) -> None:
+    """After a stroke the hand pressed to the side for three seconds: the size alone was in the program.
+
+    turns: whether the tool turns with the force, as along a surface.
+    """
+
+    def at(t: float) -> Moment:
+        leans = t >= begins
+        x, y, z = DRIFT_N
+        pushed = (12.0 * leans, 0.0, 12.0) if t >= 2.0 else (0.0, 0.0, 0.0)
+        half = math.pi / 8 if leans and turns else 0.0
+        orientation = (0.0, math.sin(half), 0.0, math.cos(half))
+        force = (x + pushed[0], y + pushed[1], z + pushed[2])
+        return replace(drifted(t), orientation=orientation, force=force)
+
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("sliding", 2.0, 6.0, **held(12.0), **ACROSS),
+        segment("contact", 6.0, 9.5, **held(12.0)),
+        at=at,
+    )
+    (stroke,) = (app for app in made if app.force is not None)
+    assert stroke.aslant == (None if aslant is None else pytest.approx(aslant, abs=0.1))
+
+
 def test_a_press_of_an_hour_is_compared_at_a_bounded_number_of_times() -> None:
     """Every look at a growing press read each of its observations."""
     times: set[float] = set()

@@ -327,11 +327,13 @@ class FilterConstraints:
         given = [name for t, name in self._names if phase.t0 <= t < phase.tn]
         return phase.model_copy(update={"name": given[-1]}) if given else phase
 
-    def unapplied(self, apps: Sequence[App], is_beyond: Callable[[float], bool]) -> Mapping[int, str]:
+    def unapplied(
+        self, apps: Sequence[App], phases: Sequence[Phase], is_beyond: Callable[[float], bool]
+    ) -> Mapping[int, str]:
         """Return why corrections are not applied, by their numbers; those that are applied are left out.
 
-        apps: of the program, in the order of their beginnings; is_beyond: a test whether a time [s] will
-        never be observed.
+        apps: of the program, in the order of their beginnings; phases: as they are named; is_beyond: a test
+        whether a time [s] will never be observed.
         """
         reasons = {}
         for one in self._made:
@@ -339,7 +341,21 @@ class FilterConstraints:
                 reasons[one.number] = f"the session ended before {one.inserted:.2f} s"
             elif one.force is not None and not _is_exerted(one.force[0], apps):
                 reasons[one.number] = f"no app exerts a force at {one.force[0]:.2f} s any more"
+        if len({t for t, _ in self._names}) > 1:
+            reasons |= self._replaced_names(phases)
         return reasons
+
+    def _replaced_names(self, phases: Sequence[Phase]) -> Iterator[tuple[int, str]]:
+        """Yield the number of each correction whose name another one replaces, and the reason.
+
+        Two phases that were named have become one. A name that was given at the same time is a new one.
+        """
+        named = [(one.number, *one.name) for one in self._made if one.name is not None]
+        for phase in phases:
+            within = [(number, t, name) for number, t, name in named if phase.t0 <= t < phase.tn]
+            for number, t, name in within:
+                if t != within[-1][1] and name != phase.name:
+                    yield number, f"its phase is now one with that at {within[-1][1]:.2f} s, {phase.name!r}"
 
     def notes(self, unapplied: Mapping[int, str]) -> Iterator[str]:
         """Yield a note with author and reason for each correction that is not applied."""

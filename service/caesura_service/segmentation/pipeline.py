@@ -494,7 +494,7 @@ class SegmentationPipeline:
 
     def _with_notes(self, apps: Sequence[App], segments: Sequence[Segment]) -> dict[str, Any]:
         """Return the fields of a view that belong to the program."""
-        unapplied = self._heeded.unapplied(apps, self._is_beyond)
+        unapplied = self._heeded.unapplied(apps, self._view.phases, self._is_beyond)
         notes = (*self._notes(), *self._left_out(segments, apps), *self._heeded.notes(unapplied))
         return {"apps": apps, "notes": notes, "unapplied": unapplied}
 

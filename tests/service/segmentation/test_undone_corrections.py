@@ -174,6 +174,29 @@ def test_a_force_limit_whose_app_is_gone_is_not_applied_until_the_app_is_back():
     assert (back.unapplied, back.apps) == ({}, pipeline.view.apps)
 
 
+def test_a_name_whose_phase_is_now_one_with_another_is_not_applied_until_they_are_two():
+    """Of two names that people gave one was gone, and it was listed as applied."""
+    wiped = whole("wiping")
+    reach, wipe, *_ = wiped.view.phases
+    names = [NamePhase(t=one.t0 + 0.1, name=name) for one, name in ((reach, "reach"), (wipe, "wipe"))]
+    pipeline, history = history_of(wiped, *names, NamePhase(t=wipe.t0 + 0.1, name="polish"))
+    assert ([one.name for one in pipeline.view.phases][:2], pipeline.view.unapplied) == (
+        ["reach", "polish"],
+        {},
+    )
+    touching = [one for one in wiped.view.segments if wipe.t0 <= one.t0 < wipe.tn]
+    free = [Relabel(t=0.5 * (one.t0 + one.tn), kind="motion") for one in touching]
+    joined, history = history_of(wiped, *names, *free)
+    assert joined.view.phases[0].name == "wipe"
+    middle = 0.5 * (wipe.t0 + wipe.tn)
+    reason = f"its phase is now one with that at {middle:.2f} s, 'wipe'"
+    assert joined.view.unapplied == {1: reason}
+    assert f"Correction 1 by Ann (name_phase) is not applied: {reason}." in joined.view.notes
+    for number in range(len(history.active), 2, -1):
+        history = history.after(edit(TakeBack(number=number)), 0.0, pytest.fail)
+    assert joined.corrected(history.active).view.unapplied == {}
+
+
 def test_a_changepoint_that_was_to_come_after_the_end_is_not_applied():
     growing = fed(begun(), range(SHORT))
     t = growing.view.t + 2.0

@@ -67,7 +67,8 @@ class Operator:
         return self.page.locator(".plots")
 
     def place(self, t: float) -> tuple[float, float]:
-        """Where a time is on the screen."""
+        """Where a time is on the screen: in the middle of the plots, which are in sight."""
+        self.page.locator("canvas.band").scroll_into_view_if_needed()  # not below a message
         box = self.plot.bounding_box()
         assert box is not None
         inside = box["width"] - 2 - LEFT - RIGHT  # the border is one pixel wide

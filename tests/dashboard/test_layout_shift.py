@@ -201,8 +201,8 @@ def test_the_answer_to_a_correction_is_in_sight_wherever_in_the_plots_it_is_made
     page.goto(f"{stage.dashboard.url}/sessions/cell-2/seen-{size['width']}")
     expect(page.locator(".app").first).to_be_visible()
     settled(page)
-    page.locator(".panel[data-signal=speed]").evaluate("(panel) => panel.scrollIntoView()")
     x, _ = Operator.at(page, opened).place(1.4)
+    page.locator(".panel[data-signal=speed]").evaluate("(panel) => panel.scrollIntoView()")
     force = page.locator(".panel[data-signal=force]").bounding_box()
     assert force is not None
     page.mouse.click(x, force["y"] + force["height"] / 2)

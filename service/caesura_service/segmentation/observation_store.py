@@ -229,6 +229,14 @@ class ObservationStore:
             torques=None if np.isnan(torques).any() else torques,
         )
 
+    def torques(self, t0: float, tn: float) -> Array:
+        """Return torques (n, 3) [Nm] about the flange at the observations between two times [s].
+
+        Without a tared torque there are none, (0, 3). More than PRESS_LOOKS are decimated evenly.
+        """
+        torques = self._rows(self.nearest(t0), self.nearest(tn), PRESS_LOOKS)[:, _TORQUE]
+        return np.empty((0, 3)) if np.isnan(torques).any() else torques.copy()
+
     def _rows(self, start: int, end: int, most: int) -> Array:
         """Return rows (n, columns) from one observation to another, evenly thinned to about `most`."""
         looks = np.arange(start, end, -(-max(end - start, 1) // most))

@@ -47,6 +47,7 @@ from caesura_service.program import (
     detours,
     left_out_note,
     missed_finger_motion,
+    missed_torques_note,
 )
 from caesura_service.segmentation.correction_targets import edit_context
 from caesura_service.segmentation.corrections import (
@@ -554,6 +555,8 @@ class SegmentationPipeline:
         ways = detours(apps, *self._history.all_poses())
         fingers = missed_finger_motion(*self._history.openings(), self._grips)
         if note := left_out_note(segments, apps, self._history.moment, self._program.up, (*ways, *fingers)):
+            yield note
+        if note := missed_torques_note(apps, self._history.torques):
             yield note
         if self._moves(len(self._history) - 1):
             yield ENDS_MOVING

@@ -322,6 +322,19 @@ def test_turning_back_and_forth_that_ten_poses_a_second_miss_is_a_note() -> None
         assert [note.startswith(said) for note in notes].count(True) == count
 
 
+def test_a_torque_that_is_held_in_a_press_while_nothing_turns_is_a_note() -> None:
+    """Taught at half the pace, so that the press lasts."""
+    still = guided()
+    pressed = (still.signals["force"][:, 2] > 6.0).astype(np.float64)
+    said = "Taught and exerted by no app, because nothing turned: a torque of 2.0 Nm about the force at "
+    for newton_metres, count in ((2.0, 1), (0.0, 0)):
+        torque = np.outer(pressed, (0.0, 0.0, newton_metres))
+        level = np.tile((1.0, 0.0, 0.0, 0.0), (still.t.size, 1))
+        signals = MappingProxyType({**still.signals, "quat": level, "torque": torque})
+        notes = segmented(replace(still, t=2.0 * still.t, signals=signals)).notes
+        assert [note.startswith(said) for note in notes].count(True) == count
+
+
 COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz", "gripper")
 
 

@@ -168,6 +168,16 @@ def test_a_press_that_pulls_is_refused(write: Callable[[ProgramFile], str]):
         write(as_file((touch, up, away)))
 
 
+@pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script])
+@pytest.mark.parametrize("away_n", [-0.5, 0.0, 0.5])
+def test_a_push_across_the_tool_is_none_that_pulls(write: Callable[[ProgramFile], str], away_n: float):
+    """The noise of its force decided: half of the programs that pushed something aside had no script."""
+    touch, pressed, away = press()
+    aside = pressed.model_copy(update={"force": (0.0, 9.0, away_n)})
+    assert not order_findings((touch, aside, away))
+    assert write(as_file((touch, aside, away)))
+
+
 def test_why_a_press_may_pull_is_said_once():
     touch, pressed, away = press()
     up = pressed.model_copy(update={"force": (0.0, 0.0, 9.0)})

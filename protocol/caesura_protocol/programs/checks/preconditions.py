@@ -25,6 +25,7 @@ WHY_UNHELD = (
     ". The program has none: was the gripper's state recorded? If nothing was carried, the force of its "
     "segment is no load: correct it to contact or motion"
 )
+ACROSS_SINE = math.sin(math.radians(15.0))  # of a force across the tool: 2.3 N of bias turn one of 9 N as far
 TURN_AT_CONTACT_RAD = math.radians(15.0)  # taught ones turn by 9° at most
 
 
@@ -65,12 +66,16 @@ def order_findings(apps: Sequence[App]) -> list[Finding]:
 
 
 def _pulls(app: App, orientation: Quaternion | None) -> bool:
-    """Return whether the force of a press points away from the tool, if the orientation is known."""
+    """Return whether the force of a press points away from the tool, if the orientation is known.
+
+    A push across the tool points away from it only by the sensor's bias and noise.
+    """
     if app.force is None or orientation is None or not any(orientation):
         return False
     x, y, z, w = orientation
     axis = 2.0 * (x * z + y * w), 2.0 * (y * z - x * w), w * w + z * z - x * x - y * y
-    return sum(a * newton for a, newton in zip(axis, app.force, strict=True)) < 0.0
+    towards_n = sum(a * newton for a, newton in zip(axis, app.force, strict=True))
+    return towards_n < -ACROSS_SINE * math.hypot(*app.force)
 
 
 def _turned(before: App, app: App) -> float:

@@ -320,6 +320,40 @@ def test_a_robot_and_a_station_have_one_goal_at_a_time(served, monkeypatch):
     assert run.goal_callback(asked_to_run("10.0.0.7").request) == "reject"
 
 
+def test_a_goal_that_is_cancelled_as_it_starts_is_carried_out_and_leaves_room(served, monkeypatch):
+    """rclpy raised between its look at the cancellation and the start, and the robot had no goal any more."""
+    run, goal = served.actions["~/run"], asked_to_run()
+
+    def runs(program: Any, script: str, host: str, report: Any, is_cancelled: Any, **_: Any) -> running.Ran:
+        return running.Ran(not is_cancelled(), "")
+
+    def execute() -> None:
+        if not goal.is_cancel_requested:
+            goal.is_cancel_requested = True  # by another thread
+            raise RuntimeError("no way from canceling to executing")
+        run.execute(goal)
+
+    monkeypatch.setattr(served.module, "run", runs)
+    goal.execute = execute
+    assert run.goal_callback(goal.request) == "accept"
+    run.handle_accepted_callback(goal)
+    assert goal.state == "canceled"
+    assert run.goal_callback(goal.request) == "accept"
+
+
+def test_a_goal_that_cannot_start_leaves_room(served):
+    run, goal = served.actions["~/run"], asked_to_run()
+
+    def execute() -> None:
+        raise RuntimeError("the node is going")
+
+    goal.execute = execute
+    assert run.goal_callback(goal.request) == "accept"
+    with pytest.raises(RuntimeError):
+        run.handle_accepted_callback(goal)
+    assert run.goal_callback(goal.request) == "accept"
+
+
 def test_the_node_has_threads_for_cancellations_beside_all_goals(served, monkeypatch):
     # By default the executor has as many threads as processors: two goals took both, for minutes.
     spun: list[Any] = []

@@ -57,6 +57,7 @@ class CaesuraNode(Node):
                 f"~/{name}",
                 self.blocking(kind, execute, key),
                 goal_callback=self.admitting(key),
+                handle_accepted_callback=self.starting(key),
                 cancel_callback=_accept,
                 callback_group=group,
             )
@@ -85,6 +86,33 @@ class CaesuraNode(Node):
 
         return admit
 
+    def starting(self, key: Key) -> Callable[[Any], None]:
+        """Return the callback that starts an accepted goal, or makes room for the next if that fails.
+
+        rclpy looks whether a goal is cancelled, and then makes it an executing one. It raises for a goal that
+        is cancelled between the two, and starts it at a second try: `carry_out` then ends it as cancelled.
+        """
+
+        def start(goal: Any) -> None:
+            try:
+                try:
+                    goal.execute()
+                except Exception:
+                    if not goal.is_cancel_requested:
+                        raise
+                    goal.execute()
+            except BaseException:
+                self.make_room(key(goal.request))
+                raise
+
+        return start
+
+    def make_room(self, what: tuple[str, str]) -> None:
+        """Let a station or robot have its next goal."""
+        with self.goals:
+            self.under_way.discard(what)
+            self.goals.notify_all()
+
     def blocking(self, kind: Any, execute: Callable[[Any], Any], key: Key) -> Callable[[Any], Any]:
         """Return the callback that carries a goal out, states why it failed, and makes room for the next."""
 
@@ -97,9 +125,7 @@ class CaesuraNode(Node):
                 failed.success, failed.message = False, str(error)
                 return _ended(goal, failed, is_cancelled=False)
             finally:
-                with self.goals:
-                    self.under_way.discard(key(goal.request))
-                    self.goals.notify_all()
+                self.make_room(key(goal.request))
 
         return carry_out
 

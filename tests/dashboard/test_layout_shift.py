@@ -100,6 +100,16 @@ class Day:
         self.done("name")
 
 
+def taught_page(stage: Stage, visitor: Visitor, station: str, session: str, size: ViewportSize) -> Page:
+    """The page of a demonstration that is over, as Ann opens it."""
+    stage.teach(station, guided(), session=session, pace="fast")
+    stage.wait(station)
+    visitor.begin_again(size)
+    visitor.is_called("Ann", stage.dashboard.url)
+    visitor.page.goto(f"{stage.dashboard.url}/sessions/{station}/{session}")
+    return visitor.page
+
+
 @pytest.mark.parametrize("size", [DESK, UPRIGHT, PHONE], ids=["desk", "upright", "phone"])
 def test_no_step_of_a_session_moves_the_plots(
     stage: Stage, bridge: StandbyBridge, opened: Visitor, size: ViewportSize
@@ -193,12 +203,7 @@ def test_the_answer_to_a_correction_is_in_sight_wherever_in_the_plots_it_is_made
     stage: Stage, opened: Visitor, size: ViewportSize
 ):
     """It stood above the first plot: who corrected in the plot of forces did not see that it was refused."""
-    stage.teach("cell-2", guided(), session=f"seen-{size['width']}", pace="fast")
-    stage.wait("cell-2")
-    opened.begin_again(size)
-    opened.is_called("Ann", stage.dashboard.url)
-    page = opened.page
-    page.goto(f"{stage.dashboard.url}/sessions/cell-2/seen-{size['width']}")
+    page = taught_page(stage, opened, "cell-2", f"seen-{size['width']}", size)
     expect(page.locator(".app").first).to_be_visible()
     settled(page)
     x, _ = Operator.at(page, opened).place(1.4)
@@ -225,12 +230,7 @@ GAPS_PX = 16.0  # above and below it
 
 def test_an_edit_moves_no_app_and_one_line_is_kept_for_what_is_said(stage: Stage, opened: Visitor):
     """Two empty lines stood above the list, and the first edit brought a line above and one below it."""
-    stage.teach("cell-4", guided(), session="over", pace="fast")
-    stage.wait("cell-4")
-    opened.begin_again(DESK)
-    opened.is_called("Ann", stage.dashboard.url)
-    page = opened.page
-    page.goto(f"{stage.dashboard.url}/sessions/cell-4/over")
+    page = taught_page(stage, opened, "cell-4", "over", DESK)
     card = page.locator(".app").first
     card.get_by_text("Edit", exact=True).click()
     before = page.evaluate(LIST)
@@ -251,12 +251,7 @@ def test_an_edit_moves_no_app_and_one_line_is_kept_for_what_is_said(stage: Stage
 
 def test_the_answer_to_an_edit_is_in_sight_on_a_phone(stage: Stage, opened: Visitor):
     """It stood above the cards: who saved a form that is scrolled did not see that it was refused."""
-    stage.teach("cell-4", guided(), session="phone", pace="fast")
-    stage.wait("cell-4")
-    opened.begin_again(PHONE)
-    opened.is_called("Ann", stage.dashboard.url)
-    page = opened.page
-    page.goto(f"{stage.dashboard.url}/sessions/cell-4/phone")
+    page = taught_page(stage, opened, "cell-4", "phone", PHONE)
     card, said = page.locator(".app").nth(1), page.locator(".program-said")
     card.get_by_text("Edit", exact=True).click()
     card.locator(".app-name").fill("Press the pump")
@@ -278,12 +273,7 @@ def test_a_finger_that_is_lifted_after_a_long_press_presses_nothing_of_the_menu(
     stage: Stage, opened: Visitor
 ):
     """The browser clicked what the menu had put under the finger: a field, which brought up the keyboard."""
-    stage.teach("cell-4", guided(), session="lifted", pace="fast")
-    stage.wait("cell-4")
-    opened.begin_again(PHONE)
-    opened.is_called("Ann", stage.dashboard.url)
-    page = opened.page
-    page.goto(f"{stage.dashboard.url}/sessions/cell-4/lifted")
+    page = taught_page(stage, opened, "cell-4", "lifted", PHONE)
     operator = Operator.at(page, opened)
     page.locator(".panel[data-signal=force]").scroll_into_view_if_needed()
     page.evaluate(MOUSE)
@@ -296,12 +286,7 @@ def test_a_finger_that_is_lifted_after_a_long_press_presses_nothing_of_the_menu(
 
 def test_the_menu_of_corrections_leaves_the_segment_in_sight(stage: Stage, opened: Visitor):
     """At a desk and on a tablet it covered half of the segment, and on a phone the band."""
-    stage.teach("cell-2", guided(), session="over", pace="fast")
-    stage.wait("cell-2")
-    opened.begin_again(DESK)
-    opened.is_called("Ann", stage.dashboard.url)
-    page = opened.page
-    page.goto(f"{stage.dashboard.url}/sessions/cell-2/over")
+    page = taught_page(stage, opened, "cell-2", "over", DESK)
     expect(page.locator(".app").first).to_be_visible()
     menu, band = page.locator(".correct-menu"), page.locator("canvas.band")
     for size in (DESK, UPRIGHT, PHONE):

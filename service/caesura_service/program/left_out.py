@@ -19,8 +19,14 @@ from numpy.typing import NDArray
 from caesura_protocol.app_force_limit import exerted_forces
 from caesura_protocol.app_kinds import APP_KINDS, ends_in_contact
 from caesura_protocol.messages import App, Segment, Vector
-from caesura_protocol.number_words import fixed, interval, reads_above
-from caesura_protocol.programs.checks.fidelity import STEPPED_M, STRAYED_M, STRAYED_RAD, UNEVEN_SHARE
+from caesura_protocol.number_words import fixed, interval
+from caesura_protocol.programs.checks.fidelity import (
+    STEPPED_M,
+    STRAYED_M,
+    STRAYED_RAD,
+    UNEVEN_SHARE,
+    has_turned,
+)
 from caesura_protocol.programs.program_gripper import GRIPS
 from caesura_protocol.rotations import align_signs, angle_between
 from caesura_protocol.up_direction import UP
@@ -74,12 +80,8 @@ def _moved(one: Moment, other: Moment) -> str:
     if one.orientation is not None and other.orientation is not None:
         turned = angle_between(one.orientation, other.orientation)
     parts = [f"{fixed(1000 * metres, 0)} mm"] if metres > STEPPED_M else []
-    parts += [f"{_degrees(turned)}°"] if _has_turned(turned) else []
+    parts += [f"{_degrees(turned)}°"] if has_turned(turned) else []
     return " and ".join(parts)
-
-
-def _has_turned(radians: float) -> bool:
-    return reads_above(math.degrees(radians), math.degrees(STRAYED_RAD), 1)
 
 
 def _degrees(radians: float) -> str:

@@ -28,13 +28,13 @@ with RouterWatch(lambda: network.declare_subscriber("watch", 1), pause_s=0.05, s
 """
 
 
-class Router:
+class WaitingRouter:
     """It accepts a declaration once `accepts` is set."""
 
     def __init__(self) -> None:
         self.asked, self.accepts = threading.Event(), threading.Event()
 
-    def declare(self) -> Router:
+    def declare(self) -> WaitingRouter:
         self.asked.set()
         self.accepts.wait()
         return self
@@ -44,7 +44,7 @@ class Router:
 
 
 def test_a_router_is_stuck_from_a_declaration_that_takes_long_until_it_ends(caplog: pytest.LogCaptureFixture):
-    router = Router()
+    router = WaitingRouter()
     try:
         with RouterWatch(router.declare, pause_s=0.0, stuck_s=2.0) as watch:
             router.asked.wait()

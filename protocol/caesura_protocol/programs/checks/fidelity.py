@@ -182,9 +182,14 @@ def _motion_before(pose: ViaPoint | None, app: App) -> Iterator[Reason]:
         reason = f"{fixed(1000 * moved, 0)} mm of way taught at {when} are in no app: {then}"
         yield (reason, moved, STEPPED_M)
     turned = _orientation_change(pose, start)
-    if reads_above(math.degrees(turned), math.degrees(STRAYED_RAD), 1):
+    if has_turned(turned):
         degrees = fixed(math.degrees(turned), 1)
         yield (f"rotation of {degrees}° taught at {when} is in no app", turned, STRAYED_RAD)
+
+
+def has_turned(radians: float) -> bool:
+    """Return whether an angle, as it is printed, is more than an executed path may be off."""
+    return reads_above(math.degrees(radians), math.degrees(STRAYED_RAD), 1)
 
 
 def _follows(app: App) -> bool:

@@ -22,7 +22,7 @@ from caesura_service.journal import Journal, MemoryJournal, Outcome, Record
 from caesura_service.offline_segmentation import recording_of
 from caesura_service.ownership.registry import Registry
 from caesura_service.ownership.takeover import is_current
-from caesura_service.program import log_of, with_edits
+from caesura_service.program_edits import log_of, with_edits
 from caesura_service.publishing.events import Owner
 from caesura_service.publishing.session_state import SessionState, program_of
 from caesura_service.segmentation.pipeline import make_pipeline

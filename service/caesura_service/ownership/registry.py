@@ -53,7 +53,7 @@ from caesura_service.ownership.station_ownership import StationOwnership
 from caesura_service.ownership.stored_sessions import StoredSessions
 from caesura_service.ownership.takeover import SessionFactory, Takeover, is_behind
 from caesura_service.ownership.takeovers_in_turns import TakeoversInTurns
-from caesura_service.program.replacement_apps import apps_for
+from caesura_service.program_edits.replacement_apps import apps_for
 from caesura_service.publishing.events import (
     BatchRejected,
     Output,

@@ -14,7 +14,7 @@ from caesura_protocol.messages import Program, Snapshot
 from caesura_service.cooperative_scheduler import give_way
 from caesura_service.journal import Journal, Key
 from caesura_service.ownership.session_index import SessionIndex
-from caesura_service.program import at_edit, log_of, with_edits
+from caesura_service.program_edits import at_edit, log_of, with_edits
 
 PAGE_BYTES = 1 << 26  # of the records of a page's sessions, beyond the first
 

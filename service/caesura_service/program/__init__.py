@@ -4,8 +4,6 @@ from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
 from caesura_service.program.app_builder import task_program
 from caesura_service.program.carried_loads import away_from_contacts
 from caesura_service.program.contacts import may_press_in
-from caesura_service.program.edit_log import EditLog, log_of
-from caesura_service.program.edited_app_list_cache import EditedAppListCache
 from caesura_service.program.gaps import Gaps, observed_share
 from caesura_service.program.joined_movements import is_end_of_movement
 from caesura_service.program.joined_strokes import may_end_movement
@@ -21,7 +19,6 @@ from caesura_service.program.program_segment import (
     ProgramSegment,
     holds,
 )
-from caesura_service.program.program_with_edits import at_edit, check_applies, with_edits
 from caesura_service.program.segment_interpretation import kept_steps
 
 __all__ = [
@@ -30,28 +27,22 @@ __all__ = [
     "GRIP_SLACK_S",
     "TOLERANCE_M",
     "TOLERANCE_RAD",
-    "EditLog",
-    "EditedAppListCache",
     "Gaps",
     "GripperAction",
     "Moment",
     "MomentAt",
     "Paths",
     "ProgramSegment",
-    "at_edit",
     "away_from_contacts",
-    "check_applies",
     "detours",
     "holds",
     "is_end_of_movement",
     "kept_steps",
     "left_out_note",
-    "log_of",
     "may_end_movement",
     "may_press_in",
     "missed_finger_motion",
     "missed_torques_note",
     "observed_share",
     "task_program",
-    "with_edits",
 ]

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from caesura_protocol.messages import App, Program
 from caesura_service.cooperative_scheduler import give_way
-from caesura_service.program import EditedAppListCache, EditLog, at_edit, check_applies, with_edits
+from caesura_service.program_edits import EditedAppListCache, EditLog, at_edit, check_applies, with_edits
 from caesura_service.segmentation.encoded_log import packed
 
 NEWEST = 3  # programs of a session that are kept, at a few megabytes each at most

@@ -25,7 +25,7 @@ from caesura_protocol.messages import (
     SessionStatus,
     Snapshot,
 )
-from caesura_service.program import EditLog
+from caesura_service.program_edits import EditLog
 from caesura_service.publishing.edited_programs import EditedPrograms
 from caesura_service.publishing.events import Owner
 from caesura_service.publishing.lifecycle_transitions import Lifecycle

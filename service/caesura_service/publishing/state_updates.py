@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, get_args
 
 from caesura_protocol.messages import MAX_GAPS, Program
-from caesura_service.program import EditLog
+from caesura_service.program_edits import EditLog
 from caesura_service.publishing.edited_programs import EditedPrograms
 from caesura_service.publishing.events import Owner, Publish
 from caesura_service.publishing.session_state import (

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import App, Change, Changepoint, Phase, Segment, Snapshot
-from caesura_service.program import log_of
+from caesura_service.program_edits import log_of
 from caesura_service.publishing.edited_programs import EditedPrograms
 from caesura_service.publishing.events import Owner
 from caesura_service.publishing.session_state import SessionCounters, SessionState, Stream

@@ -34,7 +34,7 @@ from caesura_service.cooperative_scheduler import Slices
 from caesura_service.journal import JournalSettings, PeerJournals, SqliteJournal
 from caesura_service.ownership.registry import Registry
 from caesura_service.ownership.stored_sessions import StoredSessions
-from caesura_service.program import EditLog
+from caesura_service.program_edits import EditLog
 from caesura_service.publishing import edited_programs
 from caesura_service.publishing.events import TakeoverFailed
 from caesura_service.publishing.session_state import program_of

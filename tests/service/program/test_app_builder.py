@@ -10,7 +10,7 @@ import pytest
 
 from caesura_protocol.messages import AppReference, ChangeApp, ProgramEdit
 from caesura_service.program import GripperAction, Moment, ProgramSegment, task_program
-from caesura_service.program.program_with_edits import apply
+from caesura_service.program_edits.program_with_edits import apply
 from service.program.segments import kinds, moment_at, program, segment, stopping_at
 
 

@@ -7,11 +7,11 @@ import pytest
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import App, AppReference, ChangeApp, Program
 from caesura_service.cooperative_scheduler import Slices
-from caesura_service.program import EditLog
-from caesura_service.program.edited_app_list import EditedAppList
+from caesura_service.program_edits import EditLog
+from caesura_service.program_edits.edited_app_list import EditedAppList
 from caesura_service.publishing import edited_programs
 from caesura_service.publishing.edited_programs import EditedPrograms
-from service.program.edits import log, program, ref, taught
+from service.program_edits.edits import log, program, ref, taught
 
 EDITS = log(*(ChangeApp(app=ref(taught()[0]), name=f"n{number}") for number in range(100)))
 GONE = ChangeApp(app=AppReference(kind="hold", t0=-5.0, tn=1e6), note="n")

@@ -28,11 +28,11 @@ from caesura_protocol.messages import (
 )
 from caesura_protocol.programs.document import document
 from caesura_protocol.programs.export_limits import refuse_beyond_limits
-from caesura_service.program import edited_app_list
-from caesura_service.program.edit_log import EditLog, log_of
-from caesura_service.program.program_with_edits import apply, check_applies, with_edits
+from caesura_service.program_edits import edited_app_list
+from caesura_service.program_edits.edit_log import EditLog, log_of
+from caesura_service.program_edits.program_with_edits import apply, check_applies, with_edits
 from harness.programs import app, pick_and_place, press, pressed_harder_before
-from service.program.edits import PATH, edited, log, program, ref, taught
+from service.program_edits.edits import PATH, edited, log, program, ref, taught
 
 
 def test_without_edits_the_program_is_the_inferred_one_itself():

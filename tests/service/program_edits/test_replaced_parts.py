@@ -22,10 +22,10 @@ from caesura_protocol.messages import (
     Undo,
 )
 from caesura_protocol.programs.document import document
-from caesura_service.program.edit_log import EditLog, log_of
-from caesura_service.program.program_with_edits import check_applies, with_edits
+from caesura_service.program_edits.edit_log import EditLog, log_of
+from caesura_service.program_edits.program_with_edits import check_applies, with_edits
 from harness.programs import app, pick_and_place, press
-from service.program.edits import edited, log, program, ref, taught
+from service.program_edits.edits import edited, log, program, ref, taught
 
 AGAIN = tuple(  # a grasp and a carry, a quarter of a second into a session of their own
     one.model_copy(update={"t0": one.t0 - 1.55, "tn": one.tn - 1.55, "segments": (4,)})

@@ -9,7 +9,7 @@ from typing import Any
 
 from caesura_protocol.messages import App, AppChange, AppField, AppReference, ChangedField, ProgramEdit
 from caesura_protocol.programs.app_time_shifts import is_taught_again
-from caesura_service.program.editable_app_fields import FIELDS, SETTERS, SIMPLE_FIELDS
+from caesura_service.program_edits.editable_app_fields import FIELDS, SETTERS, SIMPLE_FIELDS
 
 SLACK_S = 0.15  # by which the time of an app is widened at both ends before two are compared
 

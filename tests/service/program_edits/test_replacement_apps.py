@@ -9,7 +9,7 @@ import pytest
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import App, AppChange, AppPath, Gap, Program, ViaPoint
-from caesura_service.program.replacement_apps import apps_for
+from caesura_service.program_edits.replacement_apps import apps_for
 from harness.programs import app, pick_and_place
 
 MOST_VIA_POINTS = 64

@@ -21,13 +21,18 @@ from caesura_protocol.messages import (
     ProgramEdit,
     ReplacePart,
 )
-from caesura_service.program import edited_app_list_cache
-from caesura_service.program.edit_log import EditLog
-from caesura_service.program.edited_app import common_share, key_of, keys_meant
-from caesura_service.program.edited_app_list import LEAST_COMMON, NAMED, EditedAppList, NotApplicableError
-from caesura_service.program.edited_app_list_cache import EditedAppListCache
-from caesura_service.program.program_with_edits import at_edit, with_edits
-from service.program.edits import PATH, program, ref, taught
+from caesura_service.program_edits import edited_app_list_cache
+from caesura_service.program_edits.edit_log import EditLog
+from caesura_service.program_edits.edited_app import common_share, key_of, keys_meant
+from caesura_service.program_edits.edited_app_list import (
+    LEAST_COMMON,
+    NAMED,
+    EditedAppList,
+    NotApplicableError,
+)
+from caesura_service.program_edits.edited_app_list_cache import EditedAppListCache
+from caesura_service.program_edits.program_with_edits import at_edit, with_edits
+from service.program_edits.edits import PATH, program, ref, taught
 
 AGAIN = (taught()[0], taught()[0], taught()[1])
 

@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from caesura_protocol.messages import App, Correction, LimitForce, ProgramEdit
-from caesura_service.program.edited_app_list import EditedAppList
+from caesura_service.program_edits.edited_app_list import EditedAppList
 
 STEP = 64  # edits between two drafts that are remembered
 NEWEST = 3  # drafts: after the last edit, after one that is refused, and of another version

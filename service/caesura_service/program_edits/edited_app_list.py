@@ -38,9 +38,9 @@ from caesura_protocol.messages import (
 )
 from caesura_protocol.number_words import interval
 from caesura_protocol.programs.app_time_shifts import earlier, is_taught_again
-from caesura_service.program.app_time_index import AppTimeIndex
-from caesura_service.program.editable_app_fields import FIELDS, LACKS, value
-from caesura_service.program.edited_app import SLACK_S, AppKey, EditedApp, common_share, keys_meant
+from caesura_service.program_edits.app_time_index import AppTimeIndex
+from caesura_service.program_edits.editable_app_fields import FIELDS, LACKS, value
+from caesura_service.program_edits.edited_app import SLACK_S, AppKey, EditedApp, common_share, keys_meant
 
 NAMED = 3  # apps in the reason of an edit that is not applied: a reference may span all of them
 OTHER_S = 2 * SLACK_S  # by which an end of an app has moved, for the program to say so

@@ -28,9 +28,9 @@ from caesura_protocol.messages import (
     ReplacePart,
 )
 from caesura_protocol.number_words import fixed
-from caesura_service.program.edit_log import EditLog
-from caesura_service.program.edited_app_list import EditedAppList
-from caesura_service.program.edited_app_list_cache import EditedAppListCache, go_on
+from caesura_service.program_edits.edit_log import EditLog
+from caesura_service.program_edits.edited_app_list import EditedAppList
+from caesura_service.program_edits.edited_app_list_cache import EditedAppListCache, go_on
 
 NAMED = 5  # deleted apps in a note, the newest ones
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from itertools import accumulate
 
 from caesura_protocol.messages import App, AppReference
-from caesura_service.program.edited_app import SLACK_S
+from caesura_service.program_edits.edited_app import SLACK_S
 
 
 class AppTimeIndex:

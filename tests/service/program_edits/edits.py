@@ -15,8 +15,8 @@ from caesura_protocol.messages import (
     ReplacePart,
     ViaPoint,
 )
-from caesura_service.program.edit_log import EditLog
-from caesura_service.program.program_with_edits import with_edits
+from caesura_service.program_edits.edit_log import EditLog
+from caesura_service.program_edits.program_with_edits import with_edits
 from harness.programs import pick_and_place
 
 START = ViaPoint(t=0.2, position=(-0.014, -0.673, 0.29), orientation=None)

@@ -31,11 +31,11 @@ from caesura_service.decimation import SampleReader
 from caesura_service.journal import JournalBatches, MemoryJournal
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Output, Owner, Publish, ReplayEnded
-from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server import NetworkSettings, ZenohServer
 from caesura_service.server.network_join import join
 from caesura_service.server.work_queue import QueueSettings
 from caesura_service.sessions.limits import Limits
+from harness.fake_pipeline import make_fake_pipeline
 
 OWNER = Owner("bench", 1)
 WARM_UP_S, WIND_DOWN_S = 2.0, 1.0

@@ -29,8 +29,8 @@ from caesura_protocol.keys import session_key, station_key
 from caesura_protocol.messages import Control
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
-from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server import network_join
+from harness.fake_pipeline import make_fake_pipeline
 from harness.peer import Peer
 from harness.sessions import batches, opening
 

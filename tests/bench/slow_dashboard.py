@@ -24,7 +24,8 @@ from pathlib import Path
 import numpy as np
 import zenoh
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
+TESTS = str(Path(__file__).parents[1])
+sys.path.insert(0, TESTS)
 
 from caesura_protocol.codec import decode, unpack_samples
 from caesura_protocol.keys import parse_session_key, session_key
@@ -40,9 +41,10 @@ SLOW = (0, 1, 3)  # dashboards
 BATCHES_PER_S = 50.0
 _SERVICE = """
 import sys, threading
+sys.path.insert(0, sys.argv[2])
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
-from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
+from harness.fake_pipeline import make_fake_pipeline
 config = ServiceConfig(instance="bench", listen=sys.argv[1], preset="fake")
 with Service(config, pipeline_factory=make_fake_pipeline):
     print("ready", flush=True)
@@ -115,7 +117,7 @@ def dashboards(count: int, endpoint: str) -> Iterator[None]:
 def measure(slow: int, stations: int, seconds: float) -> tuple[Latencies, int]:
     """Latencies with so many slow dashboards, and how many messages the service dropped."""
     endpoint, latencies = f"tcp/127.0.0.1:{free_port()}", Latencies()
-    service = Process([sys.executable, "-c", _SERVICE, endpoint + SMALL_SOCKET])
+    service = Process([sys.executable, "-c", _SERVICE, endpoint + SMALL_SOCKET, TESTS])
     service.start()
     try:
         with Peer(endpoint) as robot, Peer(endpoint) as reader:

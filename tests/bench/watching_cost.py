@@ -20,10 +20,10 @@ from caesura_service.journal import MemoryJournal
 from caesura_service.monitoring.instrumented_registry import InstrumentedRegistry
 from caesura_service.monitoring.metrics import MetricsSource, metrics_of
 from caesura_service.ownership.registry import Registry
-from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.rate_limit_settings import RateLimits
 from caesura_service.sessions.limits import Limits
+from harness.fake_pipeline import make_fake_pipeline
 from harness.sessions import OWNER, batches, opening
 
 STATIONS, BATCHES, ROUNDS = 32, 50, 5

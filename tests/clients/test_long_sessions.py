@@ -25,7 +25,7 @@ from clients.examples import LiveSource, example, until_complete
 pytest.importorskip("caesura_service.app")
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
-from caesura_service.segmentation.fake_pipeline import STRIDE, make_fake_pipeline
+from harness.fake_pipeline import STRIDE, make_fake_pipeline
 
 LONG, VERY_LONG = 2000, 5600  # segments: over 1 MiB with all that is told of them; with their program alone
 BATCH = 1000

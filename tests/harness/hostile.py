@@ -36,8 +36,8 @@ from caesura_service.publishing.events import (
     RequestReplay,
     SessionFailed,
 )
-from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.sessions.limits import Limits
+from harness.fake_pipeline import make_fake_pipeline
 
 VECTORS = Path(__file__).resolve().parents[1] / "vectors"
 GOLDEN = [(path.read_bytes(), path.stem.partition(".")[0]) for path in sorted(VECTORS.glob("*.msgpack"))]

@@ -16,9 +16,9 @@ from caesura_service.journal import Journal, MemoryJournal, PeerJournals
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Output, Owner, Publish, ReplayEnded, Reply, RequestReplay
 from caesura_service.publishing.session_state import SessionState
-from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.session import Session
+from harness.fake_pipeline import make_fake_pipeline
 
 STATION = "cell-1"
 NAME = "s1"

@@ -92,7 +92,7 @@ def served() -> Iterator[str]:
     pytest.importorskip("caesura_service.app")
     from caesura_service.app import Service  # noqa: PLC0415
     from caesura_service.config import ServiceConfig  # noqa: PLC0415
-    from caesura_service.segmentation.fake_pipeline import make_fake_pipeline  # noqa: PLC0415
+    from harness.fake_pipeline import make_fake_pipeline  # noqa: PLC0415
 
     config = ServiceConfig(instance="west", listen="tcp/127.0.0.1:0", preset="fake")
     with Service(config, pipeline_factory=make_fake_pipeline) as service:
@@ -197,7 +197,7 @@ def test_a_bridge_that_teaches_on_a_full_disk_is_not_blamed(tmp_path):
     pytest.importorskip("caesura_service.app")
     from caesura_service.app import Service  # noqa: PLC0415
     from caesura_service.config import ServiceConfig  # noqa: PLC0415
-    from caesura_service.segmentation.fake_pipeline import make_fake_pipeline  # noqa: PLC0415
+    from harness.fake_pipeline import make_fake_pipeline  # noqa: PLC0415
 
     config = ServiceConfig(instance="west", listen="tcp/127.0.0.1:0", preset="fake", journal=tmp_path)
     with ExitStack() as stack:

@@ -31,9 +31,9 @@ from caesura_service.journal import (
 )
 from caesura_service.publishing.events import Owner, ReplayEnded
 from caesura_service.publishing.session_state import snapshot_of
-from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.session import Session
+from harness.fake_pipeline import make_fake_pipeline
 from harness.sessions import batch, batches, closing, new_registry, open_session, opening
 
 EVERYTHING = Resolution(

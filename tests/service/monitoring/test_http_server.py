@@ -32,7 +32,6 @@ from caesura_service.monitoring.http_server import (
     parse_address,
 )
 from caesura_service.monitoring.metrics import MetricsSource, ServiceCollector
-from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server import NetworkError
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.network_interface import Channel, Incoming
@@ -40,6 +39,7 @@ from caesura_service.server.rate_limit_settings import RateLimits
 from caesura_service.server.router_watch import PAUSE_S, STUCK_S, WHY_STUCK
 from caesura_service.server.zenoh_network import ZenohNetwork
 from clients.conftest import free_port
+from harness.fake_pipeline import make_fake_pipeline
 from harness.peer import Peer
 from harness.processes import eventually
 from harness.sessions import batch, closing, opening

@@ -19,9 +19,9 @@ from caesura_service.monitoring.registry_call_effects import Change
 from caesura_service.monitoring.station_counters import StationCounters, StationCounterSet
 from caesura_service.publishing.events import PipelineFactory, ReplayEnded
 from caesura_service.publishing.session_state import status_of
-from caesura_service.segmentation.fake_pipeline import FakePipeline, make_fake_pipeline
 from caesura_service.segmentation.pipeline_interface import Pipeline
 from caesura_service.sessions.limits import Limits
+from harness.fake_pipeline import FakePipeline, make_fake_pipeline
 from harness.sessions import NAME, OWNER, STATION, batch, batches, closing, heartbeat, opening, published
 
 

@@ -26,8 +26,8 @@ from caesura_service.publishing.events import (
     TakeoverFailed,
 )
 from caesura_service.publishing.session_state import SessionState, snapshot_of
-from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.sessions.limits import Limits
+from harness.fake_pipeline import make_fake_pipeline
 from harness.sessions import (
     NAME,
     STATION,

@@ -24,12 +24,12 @@ from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.monitoring.metrics import metrics_of
 from caesura_service.security.certificates import expiry
-from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from clients.bridging import QUICK
 from clients.conftest import free_port
 from clients.examples import LiveSource, samples
 from clients.fake_service import eventually
 from harness.commands import application
+from harness.fake_pipeline import make_fake_pipeline
 from harness.sessions import batch, opening
 from service.security.acl_world import certificates, opened
 

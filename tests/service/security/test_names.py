@@ -28,7 +28,7 @@ from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.security.certificates import SecurityError
 from caesura_service.security.credential_store import identities
-from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
+from harness.fake_pipeline import make_fake_pipeline
 from harness.peer import DEADLINE_S, Peer
 from harness.sessions import batch, heartbeat, opening
 

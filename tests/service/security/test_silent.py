@@ -15,7 +15,7 @@ from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.security import zenoh_files
-from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
+from harness.fake_pipeline import make_fake_pipeline
 from harness.silent import Silent
 from service.security.acl_world import certificates
 

@@ -16,10 +16,10 @@ from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Control
 from caesura_service.app import Service, run_service
 from caesura_service.config import ServiceConfig
-from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server import NetworkError, router_link
 from clients.conftest import free_port
 from faults.suite.proxy import proxied
+from harness.fake_pipeline import make_fake_pipeline
 from harness.processes import DEADLINE_S, eventually
 from harness.sessions import opening
 from service.security.acl_world import certificates, opened

@@ -7,8 +7,8 @@ import pytest
 from caesura_protocol.transport.memory import MemoryNetwork
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
-from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server.memory_network import in_memory
+from harness.fake_pipeline import make_fake_pipeline
 from harness.peer import MemoryPeer
 
 

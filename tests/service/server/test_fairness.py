@@ -20,12 +20,12 @@ from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.cooperative_scheduler import give_way
 from caesura_service.publishing.events import PipelineFactory
-from caesura_service.segmentation.fake_pipeline import FakePipeline, make_fake_pipeline
 from caesura_service.segmentation.pipeline_interface import Pipeline
 from caesura_service.server import outbound, station_manager
 from caesura_service.server.blocking_sends import WAITING, Lanes
 from caesura_service.server.memory_network import in_memory
 from caesura_service.server.rate_limit_settings import RateLimits
+from harness.fake_pipeline import FakePipeline, make_fake_pipeline
 from harness.peer import DEADLINE_S, MemoryPeer
 from harness.processes import eventually
 from harness.sessions import batches, closing, opening

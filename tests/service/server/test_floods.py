@@ -18,7 +18,6 @@ from caesura_protocol.transport.inbox import IncomingQuery, TokenChange
 from caesura_protocol.transport.memory import MemoryNetwork, MemoryQuestion, intersect
 from caesura_protocol.transport.transport_interface import NOTHING
 from caesura_service.app import Service
-from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server import query_server
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import Arrival, LivelinessChanged
@@ -28,6 +27,7 @@ from caesura_service.server.rate_limit_settings import RateLimits
 from caesura_service.server.station_manager import StationManager
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 from harness.attacker import until_accepted
+from harness.fake_pipeline import make_fake_pipeline
 from harness.peer import DEADLINE_S, MemoryPeer
 from harness.sessions import opening
 

@@ -18,11 +18,11 @@ from caesura_protocol.messages import Ack, Open, ServiceStatus, SessionStatus
 from caesura_protocol.transport.memory import MemoryNetwork
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
-from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.segmentation.pipeline_interface import Pipeline, PipelineView
 from caesura_service.server.memory_network import in_memory
 from caesura_service.server.work_queue import QueueSettings
 from caesura_service.sessions.limits import Limits
+from harness.fake_pipeline import make_fake_pipeline
 from harness.peer import MemoryPeer
 from harness.processes import eventually
 from harness.sessions import batches, closing, opening

@@ -27,12 +27,12 @@ from caesura_protocol.token_bucket import SENDERS, Rate, RateLimit
 from caesura_protocol.transport.memory import MemoryNetwork
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
-from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server import query_server
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.memory_network import in_memory
 from caesura_service.server.muted_sources import MUTED_S, MutedSources
 from caesura_service.server.rate_limit_settings import RateLimits
+from harness.fake_pipeline import make_fake_pipeline
 from harness.peer import MemoryPeer
 from harness.sessions import batches, heartbeat, opening
 

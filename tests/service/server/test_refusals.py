@@ -21,8 +21,8 @@ from caesura_protocol.messages import (
 )
 from caesura_service.app import Service
 from caesura_service.journal import JournalError, MemoryJournal, Record
-from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server.memory_network import in_memory
+from harness.fake_pipeline import make_fake_pipeline
 from harness.heavy import array_of, message_with, nest_of
 from harness.peer import MemoryPeer
 from harness.sessions import batch, batch_of, batches, closing, opening

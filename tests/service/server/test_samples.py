@@ -22,8 +22,8 @@ from caesura_service.config import ServiceConfig
 from caesura_service.decimation import SampleReader
 from caesura_service.decimation.reader import Owned
 from caesura_service.journal import FileBatches, JournalError
-from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server.memory_network import in_memory
+from harness.fake_pipeline import make_fake_pipeline
 from harness.journals import COLUMNS, ended, taught, written
 from harness.peer import MemoryPeer
 from harness.processes import eventually

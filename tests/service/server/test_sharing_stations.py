@@ -20,9 +20,9 @@ from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.journal import JournalError, SqliteJournal
 from caesura_service.ownership.station_assignment import owner_of
-from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server import NetworkError
 from clients.conftest import RouterNetwork
+from harness.fake_pipeline import make_fake_pipeline
 from harness.peer import DEADLINE_S, Peer
 from harness.processes import eventually
 from harness.sessions import batch, batches, closing, heartbeat, opening

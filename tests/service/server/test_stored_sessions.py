@@ -25,9 +25,9 @@ from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.journal import SqliteJournal
 from caesura_service.ownership.stored_sessions import StoredSessions
-from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server.memory_network import in_memory
 from caesura_service.sessions.limits import Limits
+from harness.fake_pipeline import make_fake_pipeline
 from harness.journals import ended, taught, written
 from harness.peer import MemoryPeer
 from harness.processes import DEADLINE_S, eventually

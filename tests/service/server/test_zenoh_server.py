@@ -23,10 +23,10 @@ from caesura_protocol.messages import (
 from caesura_protocol.transport.transport_interface import NOTHING
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
-from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server import NetworkError
 from caesura_service.server.query_server import QUERY_BYTES
 from caesura_service.sessions.limits import Limits
+from harness.fake_pipeline import make_fake_pipeline
 from harness.peer import DEADLINE_S, Peer
 from harness.sessions import batch, batches, closing, heartbeat, opening
 

@@ -28,9 +28,9 @@ from caesura_service.cooperative_scheduler import Slices, give_way
 from caesura_service.journal import AppliedEdit, MemoryJournal
 from caesura_service.publishing.session_state import program_of, snapshot_of
 from caesura_service.segmentation.corrections import ResolvedEdit, correction_of
-from caesura_service.segmentation.fake_pipeline import FakePipeline
 from caesura_service.segmentation.pipeline import SegmentationPipeline
 from caesura_service.sessions.restored_outcome import state_from_snapshot
+from harness.fake_pipeline import FakePipeline
 from harness.sessions import (
     NAME,
     OWNER,

@@ -24,8 +24,7 @@ from pathlib import Path
 import numpy as np
 import zenoh
 
-TESTS = str(Path(__file__).parents[1])
-sys.path.insert(0, TESTS)
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from caesura_protocol.codec import decode, unpack_samples
 from caesura_protocol.keys import parse_session_key, session_key
@@ -41,7 +40,7 @@ SLOW = (0, 1, 3)  # dashboards
 BATCHES_PER_S = 50.0
 _SERVICE = """
 import sys, threading
-sys.path.insert(0, sys.argv[2])
+sys.path[:] = sys.argv[2:]
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from harness.fake_pipeline import make_fake_pipeline
@@ -117,7 +116,7 @@ def dashboards(count: int, endpoint: str) -> Iterator[None]:
 def measure(slow: int, stations: int, seconds: float) -> tuple[Latencies, int]:
     """Latencies with so many slow dashboards, and how many messages the service dropped."""
     endpoint, latencies = f"tcp/127.0.0.1:{free_port()}", Latencies()
-    service = Process([sys.executable, "-c", _SERVICE, endpoint + SMALL_SOCKET, TESTS])
+    service = Process([sys.executable, "-c", _SERVICE, endpoint + SMALL_SOCKET, *sys.path])
     service.start()
     try:
         with Peer(endpoint) as robot, Peer(endpoint) as reader:

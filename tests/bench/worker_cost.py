@@ -55,7 +55,7 @@ class Unread:
         """Return a publisher of any key."""
         return self
 
-    def put(self, content: Encoded) -> None:
+    def put(self, *content: Encoded | str) -> None:
         """Do nothing."""
 
     def undeclare(self) -> None:

@@ -43,6 +43,10 @@ class MemorySession:
         del priority  # one process, one order
         return MemoryPublisher(self._transport, key)
 
+    def put(self, key: str, content: Encoded, priority: Priority) -> None:
+        """Deliver a message to every subscriber of the key."""
+        self._transport.put(key, content, priority=priority)
+
     def declare_subscriber(self, key: str, capacity: int) -> Channel[Incoming]:
         """Subscribe to a key expression; a sender blocks while `capacity` messages are queued."""
         channel: Queue[Incoming] = Queue(capacity)

@@ -78,6 +78,12 @@ class Network(Protocol):
     def declare_publisher(self, key: str, priority: Priority) -> Publisher:
         """Declare a publisher that drops messages under congestion."""
 
+    def put(self, key: str, content: Encoded, priority: Priority) -> None:
+        """Put a message without a publisher; dropped under congestion. Raises NetworkError.
+
+        The messages of one key and priority keep their order, with and without a publisher.
+        """
+
     def declare_subscriber(self, key: str, capacity: int) -> Channel[Incoming]:
         """Subscribe to a key expression; a sender blocks while `capacity` messages are queued."""
 

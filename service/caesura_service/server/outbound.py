@@ -1,7 +1,7 @@
 """Publishes results, requests replays from bridges and replies to queries.
 
 Publishing never blocks (DROP): a reader detects a gap by the number and queries a snapshot. Each key has one
-priority, because several would change the order, and one publisher, which sends nothing without a subscriber.
+priority, because several would change the order.
 """
 
 from __future__ import annotations
@@ -10,6 +10,8 @@ import logging
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
+from types import TracebackType
+from typing import Self
 
 from caesura_protocol.codec import Encoded, encode_error
 from caesura_protocol.errors import ProtocolError
@@ -34,7 +36,7 @@ from caesura_protocol.messages import (
     SessionStatus,
 )
 from caesura_protocol.transport.inbox import IncomingQuery
-from caesura_protocol.transport.transport_interface import nothing_found
+from caesura_protocol.transport.transport_interface import Priority, nothing_found
 from caesura_service.publishing.events import Publish, RequestReplay
 from caesura_service.server.blocking_sends import Lanes
 from caesura_service.server.budgets import Budgets
@@ -47,7 +49,8 @@ from caesura_service.server.inbound import (
     SamplesReceived,
     sources_of,
 )
-from caesura_service.server.network_interface import Incoming, Network, NetworkError, Publisher
+from caesura_service.server.key_publishers import KeyPublishers
+from caesura_service.server.network_interface import Incoming, Network, NetworkError
 from caesura_service.server.replay_reply_collector import ReplayBlocks
 from caesura_service.server.work_queue import WorkQueue
 from caesura_service.sessions.same_layout_batches import BatchBlock
@@ -58,7 +61,6 @@ logger = logging.getLogger(__name__)
 # outage would not, and would be asked for again and again.
 REPLAYS = 8
 REPLAYS_OVERLOADED = 1  # while the queue is: their answers take the room of what comes live
-PUBLISHERS = 1024  # declared at once, those of 200 sessions
 
 FAILED = ProtocolError("internal", "the query failed: the service's log has the reason; try again")
 
@@ -72,14 +74,25 @@ STREAMS: Mapping[type[Result], SessionPart] = {
 
 
 class ResultPublisher:
-    """Publishes and queries over one network session; only the worker calls it."""
+    """Publishes and queries over one network session while the context lasts; only the worker calls it."""
 
     def __init__(self, network: Network, queue: WorkQueue[Arrival], budgets: Budgets, lanes: Lanes) -> None:
+        """lanes: for replies and requests. Results have their own: a reply does not wait for them."""
         self._network = network
-        self._publishers: dict[str, Publisher] = {}  # whichever was used last stands last
+        self._result_lanes = Lanes()
+        self._publishers = KeyPublishers(network, self._result_lanes)
         self._queue, self._budgets, self._lanes = queue, budgets, lanes
         self._under_way = 0
         self._waiting: dict[tuple[str, str], RequestReplay] = {}
+
+    def __enter__(self) -> Self:
+        self._result_lanes.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._result_lanes.__exit__(kind, error, trace)
 
     def publish(self, publish: Publish) -> None:
         """Publish a result on its key. A failure is logged: the snapshot still has the result."""
@@ -87,16 +100,10 @@ class ResultPublisher:
         if isinstance(message, SessionStatus):
             message = with_load(message, self._queue, self._budgets)
         try:
-            put(self._publisher(key_of(message), low=isinstance(message, Posterior)), message)
+            priority: Priority = "data_low" if isinstance(message, Posterior) else "data_high"
+            self._publishers.put(key_of(message), message.station, priority, message)
         except (ProtocolError, NetworkError):
             logger.exception("%s was not published", type(message).__name__)
-
-    def _publisher(self, key: str, *, low: bool) -> Publisher:
-        publisher = self._publishers.pop(key, None) or publisher_of(self._network, key, low=low)
-        self._publishers[key] = publisher
-        if len(self._publishers) > PUBLISHERS:
-            self._publishers.pop(next(iter(self._publishers))).undeclare()
-        return publisher
 
     def request_replay(self, request: RequestReplay) -> None:
         """Request batches from a bridge, now or once REPLAYS allow it; replies arrive in the queue."""
@@ -169,17 +176,6 @@ class ResultPublisher:
         """Enqueue the end of a replay, once: Zenoh ends some of the queries that fail."""
         if replay.end():
             self._queue.put_unbounded(ReplayFinished(replay), replay.request.station)
-
-
-def publisher_of(network: Network, key: str, *, low: bool = False) -> Publisher:
-    """Declare a publisher that never blocks. low: with low priority."""
-    return network.declare_publisher(key, "data_low" if low else "data_high")
-
-
-def put(publisher: Publisher, message: Message) -> None:
-    """Put a message. Raises ProtocolError for one that is too large, or NetworkError."""
-    for encoded in fragment(message):
-        publisher.put(encoded)
 
 
 def with_load(status: SessionStatus, queue: WorkQueue[Arrival], budgets: Budgets) -> SessionStatus:

@@ -1,7 +1,8 @@
 """Watches whether the router of this process still accepts declarations.
 
 Zenoh compares key expressions with several `$*` in exponential time. While the router compares what a client
-has declared, nothing else can be declared: no station begins. What is declared already works.
+has declared, nothing else can be declared: no further client begins. What is declared already works, and
+sessions of connected bridges begin (`key_publishers`).
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ logger = logging.getLogger(__name__)
 PAUSE_S = 5.0  # between two declarations
 STUCK_S = 30.0  # that a declaration takes at most; of 64 stations at once each takes milliseconds
 WHY_STUCK = (
-    "the router accepts no declaration, so no station can begin: it compares a key expression of a client, "
-    "such as one with many `$*`; end that client, and restart the service if it does not recover"
+    "the router accepts no declaration, so no further client can begin: it compares a key expression of a "
+    "client, such as one with many `$*`; end that client, and restart the service if it does not recover"
 )
 
 

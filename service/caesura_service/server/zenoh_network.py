@@ -49,6 +49,19 @@ class ZenohNetwork:
             raise NetworkError(reason(error)) from error
         return ZenohPublisher(declared)
 
+    def put(self, key: str, content: Encoded, priority: Priority) -> None:
+        """Put a message without a publisher. Raises NetworkError."""
+        try:
+            self._session.put(
+                key,
+                content.payload,
+                encoding=encoding_of(content.encoding),
+                congestion_control=zenoh.CongestionControl.DROP,
+                priority=PRIORITIES[priority],
+            )
+        except zenoh.ZError as error:
+            raise NetworkError(reason(error)) from error
+
     def declare_subscriber(self, key: str, capacity: int) -> Channel[Incoming]:
         """Subscribe to a key expression; Zenoh fills the channel without the interpreter."""
         declared = self._session.declare_subscriber(key, zenoh.handlers.FifoChannel(capacity))

@@ -40,11 +40,12 @@ from caesura_service.server.inbound import (
     lane_of_query,
     source_of_key,
 )
+from caesura_service.server.key_publishers import put
 from caesura_service.server.live_tokens import SERVICES, TokenChanges, query_live_tokens
 from caesura_service.server.muted_sources import MutedSources
 from caesura_service.server.network_interface import Incoming, Network, NetworkError
 from caesura_service.server.network_join import DEFAULT_ENDPOINT, Join, NetworkSettings, join, lets_in
-from caesura_service.server.outbound import ResultPublisher, publisher_of, put
+from caesura_service.server.outbound import ResultPublisher
 from caesura_service.server.overload_monitor import OverloadMonitor
 from caesura_service.server.query_server import QueryServer, size_refusal, too_many_waiting
 from caesura_service.server.rate_limit_settings import RateLimits
@@ -132,7 +133,7 @@ class ZenohServer:
                 self._registry, self._owner.instance, subscriptions.set, self._clock
             )
             lanes = stack.enter_context(Lanes())
-            publisher = ResultPublisher(network, self._queue, self.budgets, lanes)
+            publisher = stack.enter_context(ResultPublisher(network, self._queue, self.budgets, lanes))
             self._worker = Worker(
                 self._registry, station_manager, self._queue, publisher, self.budgets, self._clock
             )
@@ -202,7 +203,7 @@ class ZenohServer:
     def _declare(self, stack: ExitStack, network: Network) -> None:
         """Declare the keys that belong to no station: status, snapshots, the overload monitor."""
         key = service_key(self._owner.instance, "status")
-        announced = publisher_of(network, key)
+        announced = network.declare_publisher(key, "data_high")
         stack.enter_context(OverloadMonitor(self._queue, lambda: put(announced, self.status())))
         for asked, take in (
             (session_key("*", "*", "snapshot"), self._queries.snapshot),

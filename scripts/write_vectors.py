@@ -458,6 +458,10 @@ def examples() -> dict[str, Message]:
         "Control.Edit": Control(command=edit),
         "Control.Preview": Control(command=preview),
         "Ack.effect": Ack(session=SESSION, next_seq=18, state="open", revision=3, effect=effect),
+        "Ack.correction": Ack(
+            session=SESSION, next_seq=18, state="open", revision=4, effect=effect, correction=corrections[0]
+        ),
+        "Ack.program_edit": Ack(session=SESSION, next_seq=18, state="open", program_edit=program_edit),
         "Control.Describe": Control(command=describe),
         "Control.EditProgram": Control(command=edit_program),
         "BridgeControl.Stop": BridgeControl(command=Stop(session=SESSION, success=True)),

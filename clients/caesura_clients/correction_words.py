@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from caesura_protocol.app_kinds import app_name
 from caesura_protocol.messages import (
+    Ack,
     Action,
     AppOutline,
     Correction,
@@ -15,6 +16,7 @@ from caesura_protocol.messages import (
     LimitForce,
     Move,
     PhaseOutline,
+    Redo,
     Relabel,
     Remove,
     Segment,
@@ -114,6 +116,30 @@ def changepoint_made(action: Insert | Move, effect: EditEffect) -> float:
     there = {one.t0 for one in effect.segments_before}
     made = [one.t0 for one in effect.segments_after if one.t0 not in there]
     return min(made, key=lambda place: abs(place - wanted), default=wanted)
+
+
+def landed(action: Action, effect: EditEffect | None) -> Action:
+    """Return a correction with the times of the changepoints that it has removed and made, by its effect."""
+    times: dict[str, float] = {}
+    if effect is not None and isinstance(action, Remove | Move):
+        times["t"] = changepoint_meant(action, effect)
+    if effect is not None and isinstance(action, Insert | Move):
+        times["to" if isinstance(action, Move) else "t"] = changepoint_made(action, effect)
+    return action.model_copy(update=times)
+
+
+def moved_words(action: Action, ack: Ack, clock: SessionClock = NO_OFFSET) -> str:
+    """Return text on the correction that an undo, a redo or a take-back undid or restored.
+
+    Empty for other actions, and where the service does not state it. clock: of the session.
+    """
+    moved, effect = ack.correction, ack.effect
+    if moved is None:
+        return ""
+    if effect is not None and not isinstance(action, Redo):
+        swapped = {"segments_before": effect.segments_after, "segments_after": effect.segments_before}
+        effect = effect.model_copy(update=swapped)
+    return described(moved.model_copy(update={"action": landed(moved.action, effect)}), clock)
 
 
 def since_words(action: Since) -> str:

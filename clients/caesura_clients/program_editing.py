@@ -125,6 +125,15 @@ def in_words(action: ProgramAction, clock: SessionClock = NO_OFFSET) -> str:
     return words
 
 
+def outcome_words(action: ProgramAction, ack: Ack, clock: SessionClock = NO_OFFSET) -> str:
+    """Return text on an acknowledged edit; of an undo and a redo, on the edit that was undone or restored."""
+    moved = ack.program_edit
+    if moved is None:
+        return in_words(action, clock)
+    lead = "undone" if isinstance(action, Undo) else "done again"
+    return f"{lead}: {in_words(moved.action, clock)} (edit {moved.number} by {moved.author})"
+
+
 def _changes(action: ChangeApp) -> Iterator[str]:
     for name, words in FIELD_WORDS.items():
         if getattr(action, name, None) is not None:

@@ -15,7 +15,16 @@ from caesura_clients.dashboard.correction_requests import (
 )
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.keys import service_key
-from caesura_protocol.messages import Ack, AppOutline, EditEffect, Preview, Remove, SegmentOutline
+from caesura_protocol.messages import (
+    Ack,
+    AppOutline,
+    Correction,
+    EditEffect,
+    Insert,
+    Preview,
+    Remove,
+    SegmentOutline,
+)
 from caesura_protocol.session_time_display import SessionClock
 
 ASKED = {"session": "s1", "revision": 3, "author": "Ann"}
@@ -140,6 +149,45 @@ def test_a_preview_states_sentences_and_the_segments_of_its_span():
     refused = preview(ask, "cell-1", {**request, "do": "explode"})
     assert refused["failed"]
     assert len(asked) == 1, "what is no correction never reaches the service"
+
+
+AT_GRID = EditEffect(
+    first_segment=1,
+    segments_before=(SegmentOutline(t0=1.0, tn=3.5, kind="motion"),),
+    segments_after=(
+        SegmentOutline(t0=1.0, tn=1.35, kind="motion"),
+        SegmentOutline(t0=1.35, tn=3.5, kind="motion"),
+    ),
+    first_app=0,
+)
+INSERTED = Correction(number=4, author="Bob", at=0.0, action=Insert(t=1.39))
+
+
+@pytest.mark.parametrize(
+    ("request_", "correction", "effect", "words"),
+    [
+        ({"do": "insert", "t": 1.39}, None, AT_GRID, "Changepoint inserted at 1.35 s."),
+        ({"do": "redo"}, INSERTED, AT_GRID, "Done again: Bob inserted a changepoint at 1.35 s."),
+        ({"do": "undo"}, INSERTED, "back", "Undone: Bob inserted a changepoint at 1.35 s."),
+        (
+            {"do": "take_back", "number": 4},
+            INSERTED,
+            "back",
+            "Correction 4 is taken back: Bob inserted a changepoint at 1.35 s.",
+        ),
+        ({"do": "undo"}, INSERTED, None, "Undone: Bob inserted a changepoint at 1.39 s."),
+    ],
+)
+def test_an_answer_states_what_was_undone_and_where_a_changepoint_lies(request_, correction, effect, words):
+    if effect == "back":
+        swapped = {"segments_before": AT_GRID.segments_after, "segments_after": AT_GRID.segments_before}
+        effect = AT_GRID.model_copy(update=swapped)
+
+    def ask(station, edit):
+        assert edit.with_effect
+        return Ack(session="s1", next_seq=0, state="open", correction=correction, effect=effect)
+
+    assert correct(ask, "cell-1", {**ASKED, **request_}) == words
 
 
 def outline(t0, tn, kind):

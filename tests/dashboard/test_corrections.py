@@ -54,17 +54,22 @@ def test_a_changepoint_is_inserted_with_the_mouse_and_undone(operator: Operator)
     operator.press("Correct …")
     operator.page.locator(".correct-menu .insert").click()
     operator.is_shown("Changepoint inserted at 1.")
+    message = operator.page.locator(".message")
     eventually(lambda: operator.version() > version)
     operator.wire.until(lambda: operator.wire.now.program.version > version)
     operator.wire.until(lambda: operator.wire.corrected() == [pytest.approx(T, abs=NEAR_S)])
     _, second, third, *_ = operator.wire.now.segments
     assert second.tn == third.t0 == pytest.approx(T, abs=NEAR_S), "a new segment on the wire"
+    place = f"changepoint at {third.t0:.2f} s"
+    expect(message, "where it is, not where the click was").to_have_text(
+        f"Changepoint inserted at {third.t0:.2f} s."
+    )
     operator.wire.until(lambda: operator.wire.now.program.author == "Ann")
     expect(operator.page.locator("#program-title")).to_contain_text("corrected by Ann")
     operator.visitor.picture("inserted")
 
     operator.press("Undo")
-    operator.is_shown("Undone")
+    expect(message, "what was undone").to_have_text(f"Undone: Ann inserted a {place}.")
     operator.wire.until(lambda: operator.wire.corrected() == [])
     operator.wire.until(lambda: operator.wire.taught() == before)
     assert operator.wire.now.program.version > version + 1
@@ -90,8 +95,10 @@ def test_a_changepoint_is_removed_and_the_correction_made_again(operator: Operat
     operator.is_shown("removed")
     operator.wire.until(lambda: all(abs(one.t - end) > NEAR_S for one in operator.wire.now.changepoints))
     operator.press("Undo")
+    operator.is_shown(f"Undone: Ann removed the changepoint at {end:.2f} s.")
     operator.wire.until(lambda: operator.wire.taught() == before)
     operator.press("Redo")
+    operator.is_shown(f"Done again: Ann removed the changepoint at {end:.2f} s.")
     operator.wire.until(lambda: all(abs(one.t - end) > NEAR_S for one in operator.wire.now.changepoints))
 
 
@@ -199,7 +206,7 @@ def test_everything_goes_without_a_mouse(operator: Operator):
     keyboard.press("Control+z")
     operator.wire.until(lambda: operator.wire.taught() == before)
     operator.is_shown("Undone")
-    for key, what, outcome in (("z", "undo", ""), ("y", "redo", "Done again.")):
+    for key, what, outcome in (("z", "undo", ""), ("y", "redo", "Done again: Ann ")):
         if outcome:
             keyboard.press(f"Control+{key}")
             operator.is_shown(outcome)

@@ -14,7 +14,7 @@ from caesura_clients.dashboard.program_edits import CHECKED, ProgramDesk, parse
 from caesura_clients.dashboard.program_timeline import Timeline
 from caesura_clients.program_editing import reference
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import App, AppChange, Program
+from caesura_protocol.messages import Ack, App, AppChange, Program
 from caesura_protocol.programs import document
 from caesura_protocol.programs.app_time_shifts import edited_times
 from caesura_protocol.programs.export_formats import WRITERS
@@ -123,11 +123,12 @@ class Overtaken:
         monkeypatch.setattr(program_edits, "send", self._send)
         monkeypatch.setattr(program_edits, "snapshot", lambda *_: SimpleNamespace(program=now))
 
-    def _send(self, _transport: object, _station: str, command: Any) -> None:
+    def _send(self, _transport: object, _station: str, command: Any) -> Ack:
         if command.revision != self.now.edit_revision:
             limit = self.now.edit_revision
             raise ProtocolError("conflict", "edited meanwhile", value=command.revision, limit=limit)
         self.made.append(command)
+        return Ack(session="s1", next_seq=0, state="open")
 
 
 def saved(app: App, seen: dict[str, Any], **values: Any) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from caesura_clients.correction_words import (
     described,
     effect_words,
     in_words,
+    moved_words,
     no_corrections,
     relabel_doubt,
     since_words,
@@ -30,16 +31,16 @@ from caesura_clients.correction_words import (
 from caesura_clients.session_corrections import edit as edit_session
 from caesura_protocol.errors import NotFound
 from caesura_protocol.messages import (
+    Ack,
     Action,
     Correction,
     EditEffect,
     Insert,
     Move,
+    Redo,
     Remove,
     Since,
     Snapshot,
-    TakeBack,
-    Undo,
 )
 from caesura_protocol.session_time_display import NO_OFFSET, SessionClock, clock_of, moment
 
@@ -117,7 +118,7 @@ def edit(
                     author=author or getpass.getuser(),
                     revision=seen.revision,
                 )
-    typer.echo(f"{_done(wanted, ack.effect, seen)}; {station}/{session} is at revision {ack.revision}")
+    typer.echo(f"{_done(wanted, ack, seen.clock)}; {station}/{session} is at revision {ack.revision}")
     if ack.effect is not None:
         _print_effect(wanted, ack.effect, seen.clock)
 
@@ -129,24 +130,20 @@ def _print_effect(action: Action | Since, effect: EditEffect, clock: SessionCloc
 
 
 class _SessionSeen(NamedTuple):
-    """A session before an edit; unknown fields are empty."""
+    """A session before an edit."""
 
     clock: SessionClock
     revision: int | None
-    corrections: Sequence[Correction] = ()
 
 
 NOT_SEEN = _SessionSeen(NO_OFFSET, None)
 
 
-def _done(action: Action, effect: EditEffect | None, seen: _SessionSeen) -> str:
-    """Return text on an applied action; for an undo, on the correction that it undid, if known."""
-    applied = [one for one in seen.corrections if one.state != "undone"]
-    if isinstance(action, TakeBack):
-        applied = [one for one in applied if one.number == action.number]
-    if isinstance(action, Undo | TakeBack) and applied:
-        return f"took back: {described(applied[-1], seen.clock)}"
-    return in_words(action, seen.clock) + ("" if effect is None else _beside(action, effect, seen.clock))
+def _done(action: Action, ack: Ack, clock: SessionClock) -> str:
+    """Return text on an applied action; of an undo and a redo, on the correction that it moved, if known."""
+    if moved := moved_words(action, ack, clock):
+        return f"{'done again' if isinstance(action, Redo) else 'took back'}: {moved}"
+    return in_words(action, clock) + ("" if ack.effect is None else _beside(action, ack.effect, clock))
 
 
 def _beside(action: Action, effect: EditEffect, clock: SessionClock) -> str:
@@ -181,7 +178,7 @@ def _seen(caesura: Caesura, station: str, session: str, revision: int | None) ->
             raise
         return NOT_SEEN._replace(revision=revision)  # the service may know it, and hold it no longer
     current = found.status.revision if revision is None else revision
-    return _SessionSeen(clock_of(found.segments.segments), current, found.program.corrections)
+    return _SessionSeen(clock_of(found.segments.segments), current)
 
 
 def _on_clock(wanted: Action | Since, clock: SessionClock) -> Action | Since:

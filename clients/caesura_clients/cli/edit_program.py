@@ -21,10 +21,10 @@ from caesura_clients.cli.edit_action_validation import refused_in_words, validat
 from caesura_clients.cli.options import connected, named, reported
 from caesura_clients.cli.result_tables import PLAIN, clock_lines, program_view
 from caesura_clients.program_editing import edit_program as send_edit
-from caesura_clients.program_editing import in_words, part_between, reference
+from caesura_clients.program_editing import in_words, outcome_words, part_between, reference
 from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.errors import CaesuraError
-from caesura_protocol.messages import AppReference, Program, ProgramAction, Redo, Undo
+from caesura_protocol.messages import AppReference, Program, ProgramAction
 from caesura_protocol.session_time_display import NO_OFFSET, SessionClock, clock_of
 from caesura_protocol.validation_words import Place
 
@@ -134,7 +134,7 @@ def edit_program(
             wanted = parse(found, program, clock)
             seen = program.edit_revision if revision is None else revision
             with refused_in_words(wanted, clock):
-                send_edit(
+                ack = send_edit(
                     caesura.transport,
                     station,
                     session,
@@ -142,18 +142,7 @@ def edit_program(
                     author=author or getpass.getuser(),
                     revision=seen,
                 )
-            typer.echo(f"{station}/{session}: {_said(wanted, program, clock)}")
-
-
-def _said(action: ProgramAction, program: Program, clock: SessionClock) -> str:
-    """Return text on an applied action; for undo and redo, on the edit that was undone or redone."""
-    applied = [edit for edit in program.edits if edit.state != "undone"]
-    undone = [edit for edit in program.edits if edit.state == "undone"]
-    if isinstance(action, Undo) and applied:
-        return f"undone: {in_words(applied[-1].action, clock)}"
-    if isinstance(action, Redo) and undone:
-        return f"done again: {in_words(undone[0].action, clock)}"
-    return in_words(action, clock)
+            typer.echo(f"{station}/{session}: {outcome_words(wanted, ack, clock)}")
 
 
 def edits_table(program: Program, clock: SessionClock) -> Table:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from caesura_clients.correction_words import effect_words, relabel_doubt
+from caesura_clients.correction_words import effect_words, landed, moved_words, relabel_doubt
 from caesura_clients.refusal_words import Refused, refusal_words
 from caesura_clients.session_corrections import send
 from caesura_protocol.errors import CaesuraError, ProtocolError
@@ -43,12 +43,12 @@ def correct(ask: Corrector, station: str, request: Request, clock: SessionClock 
     """
     edit = parse(request)
     try:
-        ask(station, edit)
+        ack = ask(station, edit.model_copy(update={"with_effect": True}))
     except ProtocolError as error:
         raise EditRefused(said(error, edit.action, clock)) from error
     except CaesuraError as error:
         raise EditRefused(clock.text(f"Not done: {error}")) from error
-    return done(edit.action, clock)
+    return done(edit, ack, clock)
 
 
 def preview(
@@ -115,17 +115,18 @@ def said(error: ProtocolError, action: Refused | None = None, clock: SessionCloc
     return f"Not done: {refusal_words(error, action, clock)}."
 
 
-def done(action: Action, clock: SessionClock = NO_OFFSET) -> str:
-    """Return a sentence on an applied action. clock: of the session."""
-    if _unlimits(action):
+def done(edit: Edit, ack: Ack, clock: SessionClock = NO_OFFSET) -> str:
+    """Return a sentence on an applied correction, with the times at which its changepoints lie.
+
+    Of an undo and a redo it is on the correction that was undone or restored. clock: of the session.
+    """
+    action = landed(edit.action, ack.effect)
+    if isinstance(action, LimitForce) and action.newton is None:
         return "The limit is gone."
     values = action.model_dump()
     times = {name: clock.shown(values[name]) for name in ("t", "to") if name in values}
-    return _DONE[action.do].format(**(values | times))
-
-
-def _unlimits(action: Action) -> bool:
-    return isinstance(action, LimitForce) and action.newton is None
+    words, moved = _DONE[action.do].format(**(values | times)), moved_words(action, ack, clock)
+    return f"{words.removesuffix('.')}: {moved}." if moved else words
 
 
 _DONE: Mapping[str, str] = {

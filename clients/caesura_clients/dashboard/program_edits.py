@@ -16,12 +16,13 @@ from pydantic import ValidationError
 from caesura_clients.dashboard.conflicts import ATTEMPTS, edited_again
 from caesura_clients.dashboard.correction_requests import EditRefused, said
 from caesura_clients.dashboard.program_form_values import shown_numbers, shown_texts
-from caesura_clients.program_editing import FIELD_WORDS, in_words, reference
+from caesura_clients.program_editing import FIELD_WORDS, in_words, outcome_words, reference
 from caesura_clients.query import snapshot
 from caesura_clients.session_corrections import is_stale, send
 from caesura_protocol.app_kinds import APP_KINDS, AppKind
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import (
+    Ack,
     App,
     AppChange,
     ChangeApp,
@@ -70,32 +71,30 @@ class ProgramDesk:
         command = parse({name: value for name, value in request.items() if name != "seen"})
         try:
             if isinstance(seen, dict):
-                self._edit(station, command, seen, program)
+                ack = self._edit(station, command, seen, program)
             else:
-                send(self._transport, station, command)
+                ack = send(self._transport, station, command)
         except ProtocolError as error:
             raise EditRefused(said(error, command.action, clock)) from error
         except CaesuraError as error:
             raise EditRefused(clock.text(f"Not done: {error}")) from error
-        words = in_words(command.action, clock)
+        words = outcome_words(command.action, ack, clock)
         return f"{words[0].upper()}{words[1:]}.{shared_name(command.action, program, others)}"
 
-    def _edit(
-        self, station: str, command: EditProgram, seen: dict[str, Any], program: Program | None
-    ) -> None:
+    def _edit(self, station: str, command: EditProgram, seen: dict[str, Any], program: Program | None) -> Ack:
         """Edit the current program, unless another operator has changed the same field."""
         is_known = program is not None and program.session == command.session
         now = program if is_known else None
-        for attempt in range(1, ATTEMPTS + 1):
+        for _ in range(ATTEMPTS - 1):
             now = now or snapshot(self._transport, station, command.session).program
             try:
-                send(self._transport, station, edited_again(command, seen, now))
+                return send(self._transport, station, edited_again(command, seen, now))
             except ProtocolError as refusal:
-                if attempt == ATTEMPTS or not is_stale(refusal):
+                if not is_stale(refusal):
                     raise
                 now = None
-            else:
-                return
+        now = snapshot(self._transport, station, command.session).program
+        return send(self._transport, station, edited_again(command, seen, now))
 
 
 def shared_name(action: ProgramAction, program: Program | None, others: Iterable[Program]) -> str:

@@ -7,10 +7,10 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from caesura_protocol.errors import ErrorCode
-from caesura_protocol.messages.corrections import Edit, EditEffect, Preview
+from caesura_protocol.messages.corrections import Correction, Edit, EditEffect, Preview
 from caesura_protocol.messages.field_types import Count, Name, Shown, Up
 from caesura_protocol.messages.message import Message
-from caesura_protocol.messages.program_edits import EditProgram
+from caesura_protocol.messages.program_edits import EditProgram, ProgramEdit
 from caesura_protocol.messages.session_commands import Close, Describe, Open
 
 Command = Annotated[Open | Close | Edit | Preview | Describe | EditProgram, Field(discriminator="type")]
@@ -34,6 +34,10 @@ class Ack(Message):
         0  # batches before `next_seq` that the session lacks: refused, or no bridge has them any more
     )
     up: Up | None = None  # that the session weighs against; None: not stated, or an older service, and z
+    # What an undo, a redo or a take-back has undone or restored; None of other commands, of one that was
+    # repeated, and from an older service.
+    correction: Correction | None = None
+    program_edit: ProgramEdit | None = None  # without the apps that it holds
 
 
 class Error(Message):

@@ -15,6 +15,7 @@ from caesura_protocol.messages import (
     App,
     EditProgram,
     Program,
+    ProgramAction,
     ProgramEdit,
     Redo,
     Undo,
@@ -75,6 +76,11 @@ class EditLog(NamedTuple):
             number=number, author=command.author, at=at, action=action, state="applied", apps=tuple(apps)
         )
         return EditLog((*active, made), (), number)
+
+    def moved(self, action: ProgramAction) -> ProgramEdit | None:
+        """Return the edit that an undo or a redo undoes or restores, without its apps; None of a new one."""
+        edits = {"undo": self.active, "redo": self.undone}.get(action.do, ())
+        return edits[-1].model_copy(update={"apps": ()}) if edits else None
 
 
 def log_of(program: Program) -> EditLog:

@@ -217,6 +217,19 @@ class EditHistory:
         there = [one.number for one in self.active]
         raise ProtocolError("conflict", why, value=action.number, expected=_ranges(there) or NONE_THERE)
 
+    def moved(self, action: messages.Action) -> Correction | None:
+        """Return the correction that an undo, a redo or a take-back undoes or restores; None of a new one.
+
+        Raises ProtocolError as `after`.
+        """
+        match action:
+            case Undo() | TakeBack():
+                return self.taken_back(action).made
+            case Redo():
+                return self.undone[-1].made if self.undone else None
+            case _:
+                return None
+
     def check_unreferred(self, one: ResolvedEdit, observation_at: Callable[[float], int]) -> None:
         """Check that no later correction refers to the changepoint that a correction set.
 

@@ -23,6 +23,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import (
     Ack,
     Close,
+    Correction,
     Describe,
     Edit,
     EditEffect,
@@ -31,6 +32,7 @@ from caesura_protocol.messages import (
     Heartbeat,
     Open,
     Preview,
+    ProgramEdit,
     Redo,
     SampleBatch,
     TakeBack,
@@ -391,11 +393,12 @@ class Session:
             return [self._ack(revision=edit.revision + 1)]
         self._check_editable(edit)
         prepared = self._host.prepare_edit(edit, now)
+        moved = self._host.corrections.moved(edit.action)
         self._check_records_exist()  # once more: that may have taken long
         self._journal.append(self._edit_record(edit, prepared.outcome.corrections), now)
         outputs = self._host.apply_edit(prepared.outcome, prepared.pipeline)
         self._store_outcome()
-        return [*outputs, self._ack(prepared.effect if edit.with_effect else None)]
+        return [*outputs, self._ack(prepared.effect if edit.with_effect else None, correction=moved)]
 
     def _receive_preview(self, preview: Preview, now: float) -> list[Output]:
         """Reply what an edit would change. Nothing is recorded, stored or published."""
@@ -432,10 +435,11 @@ class Session:
             raise ProtocolError("conflict", why, value=command.revision, limit=current)
         self._check_records_exist()
         self._host.check_program_edit(command, now)
+        moved = self.state.program_edits.moved(command.action)
         self._journal.append(command, now)
         program = self._host.edit_program(command, now)
         self._store_outcome()
-        return [program, self._ack()]
+        return [program, self._ack(program_edit=moved)]
 
     def _check_records_exist(self) -> None:
         """Check that a closed session still has records. Raises ProtocolError `conflict`."""
@@ -531,13 +535,21 @@ class Session:
             snapshot = snapshot_of(self.state, inferred_program_of(self.state))
             self._journal.store_outcome(Outcome(self._opening, self.next_seq - 1, snapshot))
 
-    def _ack(self, effect: EditEffect | None = None, revision: int | None = None) -> Reply:
+    def _ack(
+        self,
+        effect: EditEffect | None = None,
+        revision: int | None = None,
+        correction: Correction | None = None,
+        program_edit: ProgramEdit | None = None,
+    ) -> Reply:
         """Write all records to disk, then acknowledge. Raises JournalError.
 
-        revision: that of an edit which was made before others; by default the current one.
+        revision: that of an edit which was made before others; by default the current one. correction,
+        program_edit: what an undo or a redo has undone or restored.
         """
         self._journal.commit()
-        return Reply(self._acknowledgement(effect, revision))
+        moved = {"correction": correction, "program_edit": program_edit}
+        return Reply(self._acknowledgement(effect, revision).model_copy(update=moved))
 
     def _acknowledgement(self, effect: EditEffect | None, revision: int | None = None) -> Ack:
         state = self.state.lifecycle

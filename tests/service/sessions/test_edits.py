@@ -70,7 +70,9 @@ def test_undo_and_redo_are_edits_too():
     (status,) = published(said, SessionStatus)
     assert (status.revision, status.undoable, status.redoable) == (2, False, True)
     assert published(said, Program)[0].author == "Bob"
-    session.receive(edit(2, Redo()), 2.0)
+    made = acknowledged(said).correction
+    assert (made.number, made.author, made.action) == (1, "Ann", Insert(t=T)), "what was undone"
+    assert acknowledged(session.receive(edit(2, Redo()), 2.0)).correction == made
     assert session.state.view == corrected
 
 
@@ -87,6 +89,7 @@ def test_the_program_lists_all_corrections_and_an_older_one_is_taken_back_by_an_
     session.receive(edit(1, Insert(t=0.525), author="Bob"), 2.0)
     said = session.receive(edit(2, TakeBack(number=2), author="Cem"), 3.0)
     assert session.state.view.changepoints == only
+    assert acknowledged(said).correction.number == 2
     session.receive(edit(3, Redo()), 4.0)
     said = session.receive(edit(4, TakeBack(number=1), author="Cem"), 5.0)
     assert corrections_of(session) == [(1, "Ann", 1.0, "undone"), (2, "Bob", 2.0, "applied")]

@@ -194,7 +194,7 @@ export default {
       if (this.selected !== null && !this.changepoints.some(([t]) => t === this.selected)) this.selected = null;
     },
     answered(message, failed) {
-      Object.assign(this, { message: failed ? message : this.undoneWords() || message, failed, busy: false });
+      Object.assign(this, { message: failed ? message : this.wordsOf(message), failed, busy: false });
       if (failed) this.made = 0;
       else if (this.act) this.acted();
       this.act = null;

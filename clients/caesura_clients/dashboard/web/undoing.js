@@ -64,8 +64,9 @@ export const undoing = {
         this.future = [];
       }
     },
-    undoneWords() { // where an undo is one for the operator alone
-      return this.act && this.act.undoes && this.act.number !== null ? `Correction ${this.act.number} counts again.` : "";
+    wordsOf(message) { // where an undo is one for the operator alone: the service has restored a correction
+      return this.act && this.act.undoes && this.act.number !== null
+        ? message.replace(/^Done again/, `Correction ${this.act.number} counts again`) : message;
     },
     forgetActs() {
       Object.assign(this, { past: [], future: [], act: null });

@@ -41,6 +41,7 @@ PAGES = {
     "system": ("/system", "caesura-1"),
     "recordings": ("/recordings", "Drop a recording here"),
     "compare": ("/compare?first=cell-2/done-1&second=cell-3/done-2", "apps differ"),
+    "absent": ("/sessions/cell-2/nosuch", "There is no session nosuch at station cell-2."),
     "unknown": ("/station/cell-99", "it has no session. Stations: cell-1"),
 }
 PICK_AND_PLACE = Path(__file__).parents[2] / "data" / "pick_and_place.npz"
@@ -369,6 +370,30 @@ def test_an_unknown_page_is_not_found(stage: Stage, visitor: Visitor):
     page.get_by_role("link", name="Go to the stations").click()
     expect(page.locator("h1")).to_have_text("Stations")
     assert page.request.get(f"{stage.dashboard.url}/assets/none.js").json() == {"detail": "Not Found"}
+
+
+def test_a_session_that_does_not_exist_is_stated_and_appears_once_it_is_taught(
+    stage: Stage, visitor: Visitor
+):
+    """The page had a legend, help on keys and an empty program."""
+    page, absent = visitor.page, visitor.page.locator(".absent-session")
+    page.goto(f"{stage.dashboard.url}/sessions/cell-2/soon")
+    expect(absent).to_contain_text("There is no session soon at station cell-2.")
+    for part in (".legend", ".help", ".program", ".state-line", ".at-time"):
+        expect(page.locator(part).locator("visible=true"), part).to_have_count(0)
+    absent.get_by_role("link", name="done-1").click()
+    expect(page.locator(".app").first).to_be_visible()
+    expect(absent).to_be_hidden()
+    page.go_back()
+    absent.get_by_role("link", name="Go to the list of sessions").click()
+    expect(page.locator("h1")).to_have_text("Sessions")
+    page.goto(f"{stage.dashboard.url}/sessions/cell-2/soon")
+    expect(absent).to_be_visible()
+    stage.teach("cell-2", guided(), session="soon", pace="fast")
+    expect(page.locator(".app").first).to_be_visible()
+    expect(absent).to_be_hidden()
+    settled(page)
+    stage.wait("cell-2")
 
 
 def test_an_export_that_is_refused_leads_back(stage: Stage, visitor: Visitor):

@@ -9,7 +9,6 @@ import asyncio
 import gc
 import socket
 from collections.abc import Iterable
-from contextlib import suppress
 from dataclasses import dataclass, field
 from urllib.parse import urlsplit
 
@@ -166,8 +165,8 @@ def declare(site: Site) -> None:
 
     @ui.page("/sessions/{station}/{session}")
     async def _session(station: str, session: str) -> None:
-        await _read_at_first(site, (_checked(station), _checked(session)))
-        SessionPage(site, station, session)
+        was_read = await _read_at_first(site, (_checked(station), _checked(session)))
+        SessionPage(site, station, session, was_read=was_read)
 
     @ui.page("/compare")
     async def _compare(first: str = "", second: str = "") -> RedirectResponse | None:
@@ -284,17 +283,29 @@ def _zip_file(site: Site, named: list[tuple[str, str]]) -> Response:
     return Response(content, media_type="application/zip", headers=headers)
 
 
-async def _read_at_first(site: Site, *named: tuple[str, str]) -> None:
-    """Read stored sessions for a page, which is built after FIRST_S in any case and reads them again."""
-    await asyncio.wait([background_tasks.create(_read(site, *named))], timeout=FIRST_S)
+async def _read_at_first(site: Site, *named: tuple[str, str]) -> bool:
+    """Read stored sessions for a page; return whether the service has answered.
+
+    The page is built after FIRST_S in any case, and reads them again.
+    """
+    reading = background_tasks.create(_read(site, *named))
+    await asyncio.wait([reading], timeout=FIRST_S)
+    return reading.done() and reading.result()
 
 
-async def _read(site: Site, *named: tuple[str, str]) -> None:
-    """Read stored sessions that are no longer in memory, such as that of a bookmark."""
+async def _read(site: Site, *named: tuple[str, str]) -> bool:
+    """Read stored sessions that are no longer in memory, such as that of a bookmark.
+
+    Return whether the service has answered for each.
+    """
+    is_answered = True
     for station, session in named:
         if site.gateway.world.update(station, session) is None:
-            with suppress(CaesuraError, ProtocolError):  # the page states that it is not known
+            try:
                 await asyncio.to_thread(site.gateway.read_stored, station, session)
+            except (CaesuraError, ProtocolError):
+                is_answered = False
+    return is_answered
 
 
 def _named(session: str) -> tuple[str, str]:

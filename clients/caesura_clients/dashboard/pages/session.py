@@ -22,6 +22,7 @@ from caesura_clients.dashboard.nicegui_elements import (
     SessionView,
     StartStop,
 )
+from caesura_clients.dashboard.pages.absent_session import AbsentSession
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
 from caesura_clients.dashboard.pages.stored_session import StoredSession
 from caesura_clients.dashboard.program_differences import compared_versions
@@ -53,7 +54,8 @@ BUILDERS = ThreadPoolExecutor(2, "program")  # those of `run.io_bound` may all w
 class SessionPage:
     """One browser's view of one session. session: None follows the station's current session."""
 
-    def __init__(self, site: Site, station: str, session: str | None) -> None:
+    def __init__(self, site: Site, station: str, session: str | None, *, was_read: bool = False) -> None:
+        """was_read: the service was asked for the stored session, and has answered."""
         self._gateway, self._corrector, self._desk = site.gateway, site.corrector, site.desk
         self._station, self._session = station, session
         self._simulator = site.simulator
@@ -61,7 +63,10 @@ class SessionPage:
         self._program_desk = None if site.desk is None else ProgramDesk(site.gateway.transport)
         title = f"Station {station}" if session is None else f"{station} · {session}"
         is_live = session is None
-        with page(title, "/" if is_live else "/sessions") as self._title, Element("div").classes("workspace"):
+        with page(title, "/" if is_live else "/sessions") as self._title:
+            self._absent = None if session is None else AbsentSession(station, session)
+            self._workspace = Element("div").classes("workspace")
+        with self._workspace:
             with Element("div").classes("work"):
                 self._line = text("p", "").classes("state-line")
                 self._start_stop = StartStop(self._controls(), self._ask) if is_live else None
@@ -90,7 +95,9 @@ class SessionPage:
             )
         self._clock = NO_OFFSET  # of the session that is shown
         self._is_known = False  # was it ever shown?
-        self._stored = None if session is None else StoredSession(site.gateway, station, session)
+        self._stored = (
+            None if session is None else StoredSession(site.gateway, station, session, was_read=was_read)
+        )
         self._timeline_of: wire.Program | None = None
         self._timeline_how: tuple[SessionClock, int | None] = (NO_OFFSET, None)
         self._timeline = Timeline()
@@ -111,8 +118,11 @@ class SessionPage:
         update = world.update(self._station, self._session)
         seen = glance(world, self._station, received, gateway.clock(), gateway.began)
         self._clock = NO_OFFSET if update is None else session_clock(update)
-        if self._stored is not None:
+        if self._stored is not None and self._absent is not None:
             self._stored.follow(update)
+            is_absent = update is None and self._stored.is_missing and not world.trouble
+            self._absent.show(world.sessions(self._station) if is_absent else None)
+            self._workspace.set_visibility(not is_absent)
         self._offer_tools(update)
         live = self._session is None
         self._banner.say(warning_of(seen, world) if live else world.trouble)
@@ -324,7 +334,7 @@ def line_of_past(update: Update | None, trouble: str = "") -> str:
     trouble: why the service cannot be asked, which the page's banner states.
     """
     if update is None:
-        return "" if trouble else "The service does not know this session, or it was deleted."
+        return "" if trouble else "The service is asked for this session."
     state = "closed" if update.closed else "being taught"
     gaps = len(update.status.gaps) + update.status.gaps_before
     segments = counted(len(update.segments), "segment")

@@ -1,6 +1,6 @@
 // What the session view consists of. Tab goes through it from the top: signals, corrections, plot, time, table.
 const legend = `
-  <ul class="legend" aria-label="Legend">
+  <ul v-if="session" class="legend" aria-label="Legend">
     <li v-for="(look, name) in kinds" :key="name"><i class="swatch" :class="'kind-' + name"></i>{{ name }}</li>
     <li><i class="stroke stroke-final"></i>final</li>
     <li><i class="stroke stroke-provisional"></i>provisional</li>
@@ -86,7 +86,7 @@ export const template = `
     ${time}
     ${legend}
     ${corrections}
-    <details v-if="!linked" class="help"><summary>Keys and pointer</summary>
+    <details v-if="!linked && session" class="help"><summary>Keys and pointer</summary>
     <p id="plot-help">In the plot: ← → move the time (⇧ by 1 s), Page ↑ ↓ go from changepoint to changepoint,
       Enter inserts, Delete removes, M moves the selected one to the time, R or a right click shows what can be corrected there,
       Ctrl Z and Ctrl Y undo and redo, L follows. + and − zoom, comma and full stop go back and forth, 0 shows everything. The

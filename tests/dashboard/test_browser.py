@@ -40,7 +40,7 @@ PAGES = {
     "replay": ("/sessions/cell-2/done-1", "move to contact"),
     "system": ("/system", "caesura-1"),
     "recordings": ("/recordings", "Drop a recording here"),
-    "compare": ("/compare?first=cell-2/done-1&second=cell-3/done-2", "apps differ"),
+    "compare": ("/compare?first=cell-2/done-1&second=cell-3/done-2", "correspond, of which"),
     "absent": ("/sessions/cell-2/nosuch", "There is no session nosuch at station cell-2."),
     "unknown": ("/station/cell-99", "it has no session. Stations: cell-1"),
 }

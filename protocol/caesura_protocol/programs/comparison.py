@@ -20,6 +20,9 @@ from caesura_protocol.rotations import angle_between
 from caesura_protocol.up_direction import up_text
 
 ALONE, FAR_M = 0.7, 0.1  # cost of an app that only one has; targets this far apart cost 1
+ELSEWHERE = (
+    1e-4  # cost of a pair at the two ends of the programs: of equal pairs, those at like places correspond
+)
 TIE = 1e-9  # costs that differ by less are equal: they are sums in different orders
 
 
@@ -106,9 +109,11 @@ def _pairs(apps: Sequence[App], others: Sequence[App]) -> list[tuple[int | None,
     is_alone = np.zeros_like(is_pair)
     is_alone[1:, 0] = True
     cost, places = steps, _Places(others)
+    shares = (np.arange(len(others)) + 0.5) / max(len(others), 1)  # (n,) of the way through the program
     for i, app in enumerate(apps, start=1):
         alone = cost + ALONE
-        together = np.append(np.inf, cost[:-1] + places.apart(app))
+        elsewhere = ELSEWHERE * np.abs((i - 0.5) / len(apps) - shares)
+        together = np.append(np.inf, cost[:-1] + places.apart(app) + elsewhere)
         cost = steps + np.minimum.accumulate(np.minimum(alone, together) - steps)
         is_pair[i], is_alone[i] = together <= cost + TIE, alone <= cost + TIE
     i, j = len(apps), len(others)

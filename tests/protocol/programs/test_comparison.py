@@ -48,6 +48,17 @@ def test_an_app_that_only_one_has_is_named_and_the_rest_stays_paired():
     assert pairs == [(0, 0, ()), (1, None, ()), (2, 1, ())]
 
 
+@pytest.mark.parametrize("place", [0, 4])
+def test_of_pairs_that_are_equally_far_apart_those_at_like_places_correspond(place):
+    """The first app of another task corresponded to the last one of its kind."""
+    far = [move(kind=kind, target=(9.0, 0.0, 0.3)) for kind in ["cartesian_motion", "grasp"] * 2]
+    far.append(move(target=(9.0, 0.0, 0.3)))
+    one = [move(kind="apply_force")] * 4
+    one.insert(place, move())
+    pairs = [(one, other) for one, other, _ in compared(one, far) if one is not None and other is not None]
+    assert pairs == [(place, place)]
+
+
 @pytest.mark.parametrize("count", range(21))  # sums of 0.7 differ by their order from the sixth on
 def test_a_program_without_apps_is_compared_with_any(count):
     apps = [move() for _ in range(count)]

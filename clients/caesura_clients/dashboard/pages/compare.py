@@ -16,7 +16,8 @@ from caesura_clients.dashboard.pages.stored_session import StoredSession
 from caesura_clients.session_state_reader import Update
 from caesura_protocol.app_kinds import app_number, app_title
 from caesura_protocol.messages import App, Program
-from caesura_protocol.programs.comparison import REPETITION, compared
+from caesura_protocol.number_words import counted
+from caesura_protocol.programs.comparison import REPETITION, AppPair, compared
 
 ALIKE = "alike"
 COLUMNS = (("first", "first"), ("second", "second"), ("words", "difference"))
@@ -113,10 +114,26 @@ def _tables(first: Program, second: Program) -> dict[str, Any]:
         alone = "only in the second" if i is None else "only in the first" if j is None else ""
         row = {"first": _named(first.apps, i), "second": _named(second.apps, j)}
         rows.append({**row, "words": alone or "; ".join(words) or ALIKE})
-    unlike = sum(row["words"] != ALIKE for row in rows)
-    title = f"Programs: {unlike or 'none'} of {len(rows)} apps differ" if rows else "Programs"
-    table = {"title": title, "columns": COLUMNS, "rows": rows, "empty": "Neither has an app."}
-    return {"warnings": [], "tables": [table]}
+    table = {"title": "Programs", "columns": COLUMNS, "rows": rows, "empty": "Neither has an app."}
+    return {"warnings": [], "tables": [table | {"words": _outcome(pairs) if rows else ""}]}
+
+
+def _outcome(pairs: Sequence[AppPair]) -> str:
+    """Return the number of apps of each program, and how many of them correspond.
+
+    >>> _outcome([AppPair(0, 0), AppPair(1, 1, ("duration 1 s and 2 s",)), AppPair(None, 2)])
+    'The first has 2 apps, the second 3. 2 correspond, of which 1 differs. 1 is only in the second.'
+    """
+    first = sum(pair.one is not None for pair in pairs)
+    second = sum(pair.other is not None for pair in pairs)
+    both = [pair for pair in pairs if pair.one is not None and pair.other is not None]
+    unlike = sum(bool(pair.words) for pair in both)
+    said = [f"The first has {counted(first, 'app')}, the second {second}."]
+    differing = f"{unlike or 'none'} {'differs' if unlike == 1 else 'differ'}"
+    said += [f"{len(both)} correspond, of which {differing}." if both else "None correspond."]
+    for count, which in ((first - len(both), "first"), (second - len(both), "second")):
+        said += [f"{count} {'is' if count == 1 else 'are'} only in the {which}."] if count else []
+    return " ".join(said)
 
 
 def _named(apps: Sequence[App], index: int | None) -> str:

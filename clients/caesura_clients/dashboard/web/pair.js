@@ -1,5 +1,8 @@
 // Two sessions on one page that move together: each view states its range from the beginning of its own session.
 // Apart, each moves alone; together again, they keep the distance that they have by then.
+import { YScales } from "caesura-dashboard/y_scales.js";
+
+export const SHARED = new YScales(); // of the values of both
 const RANGE = "caesura-range", TOGETHER = "caesura-together";
 let views = 0;
 

@@ -16,9 +16,9 @@ const DASHES = [[], [7, 3], [2, 3], [9, 3, 2, 3], [], [7, 3], [2, 3], [9, 3, 2, 
 const EMPTY = [[], []];
 
 export class Plots {
-  // host: the element that holds them; state: the component, whose view and data are drawn
-  constructor(host, state) {
-    Object.assign(this, { host, state, plots: new Map(), ink: state.ink() });
+  // host: the element that holds them; state: the component, whose view and data are drawn; scales: those of its values
+  constructor(host, state, scales) {
+    Object.assign(this, { host, state, scales, plots: new Map(), ink: state.ink() });
   }
   // Show these panels, in this order. Returns whether they, or their width, are others than before.
   show(panels) {
@@ -36,6 +36,7 @@ export class Plots {
       box.remove();
     }
     this.plots.clear();
+    this.scales.forget(this.state);
   }
   make(panel, isLast) {
     const box = document.createElement("div");
@@ -48,7 +49,7 @@ export class Plots {
     const values = panel.columns.map((column, i) => this.value(title, panel, column, i));
     this.host.appendChild(box);
     const plot = new uPlot(this.options(panel, isLast), EMPTY, box);
-    const held = { plot, box, panel, values, range: null, isFilled: false };
+    const held = { plot, box, panel, values, isFilled: false };
     return Object.assign(held, { painter: new Painter(box, () => this.paint(held)) });
   }
   value(title, panel, column, i) {
@@ -92,17 +93,8 @@ export class Plots {
     const [from, to] = this.state.view();
     return { left, right: left + width, top, bottom: top + height, from, to, x: (t) => left + ((t - from) / (to - from)) * width };
   }
-  // What stays in sight while values change a little.
   range(panel, low, high) {
-    if (panel.name === "changepoints") return [0, 1.05];
-    if (low === null || high === null || !isFinite(low)) return panel.zero ? [0, panel.least] : [-panel.least, panel.least];
-    const held = this.plots.get(panel.name);
-    const room = Math.max(high - low, panel.least);
-    if (held && held.range && low >= held.range[0] && high <= held.range[1] && held.range[1] - held.range[0] < 2.5 * room) return held.range;
-    const middle = (low + high) / 2, half = room * 0.58;
-    const found = panel.zero && low >= 0 ? [0, Math.max(high, panel.least) * 1.12] : [middle - half, middle + half];
-    if (held) held.range = found;
-    return found;
+    return panel.name === "changepoints" ? [0, 1.05] : this.scales.range(this.state, panel, low, high);
   }
   // New data: each panel takes its own when it is drawn. inferred: only what was inferred is new.
   fill(inferred = false) {

@@ -11,7 +11,7 @@ import { live } from "caesura-dashboard/live.js";
 import { ASKED, SHOWN as PLOTTED } from "caesura-dashboard/measured_path.js";
 import { BAND_HEIGHT, drawBand } from "caesura-dashboard/marks.js";
 import { KINDS, percent, phaseName } from "caesura-dashboard/palette.js";
-import { pair } from "caesura-dashboard/pair.js";
+import { pair, SHARED } from "caesura-dashboard/pair.js";
 import { Plots } from "caesura-dashboard/plots.js";
 import { pointer } from "caesura-dashboard/pointer.js";
 import { drawRunLengths } from "caesura-dashboard/run_lengths.js";
@@ -21,6 +21,7 @@ import { greatest, ofArm, ofGripper, PANELS, SHOWN_AT_FIRST } from "caesura-dash
 import Staying from "caesura-dashboard/staying.js";
 import { undoing } from "caesura-dashboard/undoing.js";
 import { view } from "caesura-dashboard/view.js";
+import { YScales } from "caesura-dashboard/y_scales.js";
 
 const HELD_COLUMNS = 3000; // of run lengths: five minutes
 const AUTHOR = "caesura-author", SHOWN = "caesura-signals";
@@ -69,7 +70,7 @@ export default {
     Object.assign(this, { fingers: new Map(), drag: null, panned: false, waiting: 0, loading: false, origin: null });
   },
   mounted() {
-    this.plots = new Plots(this.$refs.panels, this);
+    this.plots = new Plots(this.$refs.panels, this, this.linked ? SHARED : new YScales());
     this.own = [new Painter(this.$refs.band, this.paintBand), new Painter(this.$refs.lengths, this.paintLengths)];
     this.$refs.plots.plots = this.plots; // for who looks at the page from outside
     this.unwatch = watchLook(this.$refs.plots, this.arrange, this.redraw);

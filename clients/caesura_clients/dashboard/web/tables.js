@@ -9,6 +9,7 @@ export default {
       <div role="alert"><p v-for="one in warnings" :key="one" class="banner">{{ one }}</p></div>
       <section v-for="table in tables" :key="table.title">
         <h2>{{ table.title }}</h2>
+        <p v-if="table.words">{{ table.words }}</p>
         <p v-if="table.rows.length === 0" class="empty">{{ table.empty }}</p>
         <div v-else class="scroll" tabindex="0" role="region" :aria-label="table.title">
           <table class="facts"><thead><tr><th v-for="[key, title] in table.columns" :key="key" scope="col">{{ title }}</th></tr></thead>

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -12,6 +13,7 @@ pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard
 
 from playwright.sync_api import Page, ViewportSize, expect
 
+from caesura_protocol.formats.read import load_recording
 from dashboard.browser import DESK, PATIENCE_MS, PHONE, UPRIGHT, Visitor, needs_chromium, settled
 from dashboard.operator import Operator
 from dashboard.stage import REST_S, Stage, StandbyBridge, patient
@@ -20,6 +22,7 @@ from harness.demonstrations import guided
 
 pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
+PICK_AND_PLACE = Path(__file__).parents[2] / "data" / "pick_and_place.npz"
 # What the browser itself reports as moved in the part of the page that does not scroll by itself: in which
 # step, and by how much [px]. What appears or goes outside of the window moves nothing that is seen.
 WATCH = """() => {
@@ -263,6 +266,44 @@ def test_the_answer_to_an_edit_is_in_sight_on_a_phone(stage: Stage, opened: Visi
     expect(said).to_contain_text("name set")
     expect(said).to_be_in_viewport(ratio=1)
     expect(page.locator(".exports")).not_to_be_in_viewport()
+    assert opened.errors == []
+
+
+PATH = """() => [".path-tools", ".program-path canvas"].map((name) => {
+  const { y, height } = document.querySelector(name).getBoundingClientRect();
+  return [Math.round(y + scrollY), Math.round(height)];
+})"""
+
+
+@pytest.mark.parametrize("size", [DESK, UPRIGHT, PHONE], ids=["desk", "upright", "phone"])
+def test_a_simulation_moves_neither_its_buttons_nor_the_drawing(
+    stage: Stage, opened: Visitor, size: ViewportSize
+):
+    """*Cancel* and the line of its result moved the drawing by two lines."""
+    session = f"simulated-{size['width']}"
+    stage.teach("cell-6", load_recording(PICK_AND_PLACE), session=session, pace="fast")
+    stage.wait("cell-6")
+    opened.begin_again(size)
+    page, said = opened.page, opened.page.locator(".simulated")
+    page.goto(f"{stage.dashboard.url}/sessions/cell-6/{session}")
+    simulate, cancel = page.locator(".simulate"), page.locator(".cancel-simulation")
+    simulate.scroll_into_view_if_needed()
+    expect(page.locator(".measured-said")).to_contain_text("samples")
+    settled(page)
+    before = page.evaluate(PATH)
+    expect(cancel).to_be_hidden()
+    simulate.click()
+    expect(cancel).to_be_visible()
+    assert page.evaluate(PATH) == before, "while it is under way"
+    expect(said).not_to_have_text("")
+    expect(page.locator(".follow-run")).to_be_enabled()
+    assert page.evaluate(PATH) == before, "with its result"
+    expect(said).to_be_in_viewport()
+    assert opened.barriers(within=".program-path") == []
+    for name in (".follow-run", ".show-measured", ".play-path", ".play-path"):
+        page.locator(name).click()
+        assert page.evaluate(PATH) == before, name
+    assert opened.sideways_px() <= 0
     assert opened.errors == []
 
 

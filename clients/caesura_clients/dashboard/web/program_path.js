@@ -6,6 +6,7 @@ import { placedLabels, ranges, span } from "caesura-dashboard/labels.js";
 import { measuredPath } from "caesura-dashboard/measured_path.js";
 import { fixed } from "caesura-dashboard/numbers.js";
 import { KINDS } from "caesura-dashboard/palette.js";
+import Staying from "caesura-dashboard/staying.js";
 
 const VIEWS = { "3D": [-0.7, 0.5], top: [-Math.PI / 2, Math.PI / 2], front: [-Math.PI / 2, 0], side: [0, 0] };
 const MARGIN = 34, LEGEND_PX = 68, LEAST_MM = 60, STEP_RAD = Math.PI / 36, TICK_MS = 50, GROWS_MS = 1000, LABEL_PX = 12, FORCE_PX_PER_N = 1.5, LONGEST_PX = 60;
@@ -14,6 +15,7 @@ const between = (low, high, value) => Math.min(Math.max(value, low), high);
 
 export default {
   mixins: [clock, measuredPath],
+  components: { Staying },
   props: { rows: Array, part: Boolean, start: Number, speeds: Array, elsewhere: Boolean }, // elsewhere: another page simulates
   emits: ["simulate", "cancel"],
   data: () => ({
@@ -29,18 +31,18 @@ export default {
         <span v-if="speeds.length" class="group"><label>Speed <select class="simulated-speed" v-model="speed">
           <option v-for="name in speeds" :key="name" :value="name">{{ name }}</option></select></label>
         <button ref="simulate" class="simulate" :disabled="busy || elsewhere" @click="simulate">{{ busy ? "Simulating…" : "Simulate" }}</button>
-        <button v-if="busy" ref="cancel" class="cancel-simulation" aria-label="Cancel simulation" @click="$emit('cancel')">Cancel</button></span>
-        <button v-if="run" class="follow-run" :aria-pressed="String(follows)" @click="followRun(!follows)">Simulated run</button>
+        <button ref="cancel" class="cancel-simulation" :class="{ absent: !busy }" aria-label="Cancel simulation" @click="$emit('cancel')">Cancel</button></span>
+        <button v-if="speeds.length" class="follow-run" :disabled="!run" :aria-pressed="String(follows)" @click="followRun(!follows)">Simulated run</button>
         <button class="show-measured" :disabled="!measured" :aria-pressed="String(showsMeasured)" @click="showsMeasured = !showsMeasured">Measured</button>
         <button class="play-path" @click="play">{{ playing ? "Pause" : "Play" }}</button>
         <label class="path-time">Time in the program <input type="range" :min="range[0]" :max="range[1]" step="0.05" :value="shown"
           @input="go(Number($event.target.value))" :aria-valuetext="words"></label>
         <output>{{ words }}</output>
       </div>
-      <p class="measured-said">{{ measuredWords }}</p>
-      <p v-if="speeds.length" role="status" class="simulated" :class="{ failed: stopped }">{{ stands }}</p>
+      <staying v-if="speeds.length" class="simulated" :class="{ failed: stopped }" :lines="2">{{ stands }}</staying>
       <canvas ref="canvas" tabindex="0" role="img" :aria-label="'Path of the program in three dimensions, ' + rows.length + ' apps. Arrow keys turn it.'"
         @pointerdown="grasp" @pointermove="drag" @pointerup="held = null" @pointercancel="held = null" @keydown="key"></canvas>
+      <p class="measured-said">{{ measuredWords }}</p>
     </details>`,
   computed: {
     range() {

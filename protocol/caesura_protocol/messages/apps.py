@@ -105,4 +105,5 @@ class App(Message):
     aslant: Vector | None = None  # [N] of a press: what the robot would exert for 1 s in another direction
     moved_m_per_s: Amount | None = None  # of fingers that acted in motion: speed of the flange then
     turned_rad_per_s: Amount | None = None  # likewise: its rate of turn
-    stronger_n: Amount | None = None  # [N] of a press: the largest force over 0.1 s, if it is another one
+    stronger_n: Amount | None = None  # [N] of a press: the largest held for 0.2 s, if it is another one
+    impact_n: Amount | None = None  # [N] of a press: a larger force that was shorter, as at a touch

@@ -16,7 +16,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby, pairwise, takewhile
 from types import MappingProxyType
@@ -33,7 +33,13 @@ from caesura_protocol.up_direction import UP
 from caesura_service.program.contacts import pushes_back
 from caesura_service.program.end_velocities import with_end_velocities
 from caesura_service.program.gaps import observed_share
-from caesura_service.program.held_forces import force_aslant, forces_felt, stronger_force, weaker_force
+from caesura_service.program.held_forces import (
+    force_aslant,
+    forces_felt,
+    impact,
+    stronger_force,
+    weaker_force,
+)
 from caesura_service.program.joined_strokes import (
     INSERTED_M,
     NOWHERE_M,
@@ -382,6 +388,7 @@ def _press(group: _Group) -> App:
     felt = forces_felt(hardest.base, times, group.moment_at)
     changes["weaker_n"] = weaker_force(felt, hardest.force, len(times))
     changes["stronger_n"] = stronger_force(felt, length(hardest.force))
+    changes["impact_n"] = impact(felt, length(hardest.force))
     if end is not None:
         changes |= end.where
         t0 = group.steps[0].segment.t0
@@ -415,32 +422,31 @@ def _slides(group: _Group) -> Iterable[App]:
         begun = group.landed() if step is group.steps[0] else None
         times = observed(step.segment.t0 if begun is None else begun, step.segment.tn)
         felt = forces_felt(step.base, times, group.moment_at)
+        pressed = [(felt, length(force)), *_rests_felt(step, length(force), rests.values(), group)]
+        stronger = [stronger_force(there, newton) for there, newton in pressed]
+        most, whole = max(newton for _, newton in pressed), np.concatenate([there for there, _ in pressed])
         others = {
             "weaker_n": weaker_force(felt, force, len(times)),
             "aslant": stroke_aslant(step, group.moment_at),
-            "stronger_n": _stronger(felt, step, length(force), rests.values(), group),
+            "stronger_n": max((one for one in stronger if one is not None), default=None),
+            "impact_n": impact(whole, most),
         }
         changes = _forces(force, group.force_limit_n) | rests | others
         yield group.moving("apply_force", step, changes=changes, begun=begun)
 
 
-def _stronger(
-    felt: NDArray[np.float64],
-    step: ProgramSegment,
-    newton: float,
-    rests: Iterable[RestForce | None],
-    group: _Group,
-) -> float | None:
-    """Return the largest force [N] of a stroke that is another one than the robot exerts then, as it is felt
-    in the stroke and in each rest beside it. newton: of the stroke [N].
+def _rests_felt(
+    step: ProgramSegment, newton: float, rests: Iterable[RestForce | None], group: _Group
+) -> Iterator[tuple[NDArray[np.float64], float]]:
+    """Yield the forces (n, 3) [N] of each rest beside a stroke, with the size [N] that the robot exerts then.
+
+    newton: of the stroke [N].
     """
-    peaks = [stronger_force(felt, newton)]
     for parts, rest in zip((step.rests_before, step.rests_after), rests, strict=True):
         most = newton if rest is None else rest.newton_taught
         for part in parts:
             times = observed(part.segment.t0, part.segment.tn)
-            peaks.append(stronger_force(forces_felt(part.base, times, group.moment_at), most))
-    return max((peak for peak in peaks if peak is not None), default=None)
+            yield forces_felt(part.base, times, group.moment_at), most
 
 
 def _rest(rests: Sequence[ProgramSegment], group: _Group) -> RestForce | None:

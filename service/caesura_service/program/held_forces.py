@@ -52,11 +52,26 @@ def weaker_force(felt: Array, force: Vector, looks: int) -> float | None:
 
 
 def stronger_force(felt: Array, newton: float) -> float | None:
-    """Return the size [N] of the largest force that was pressed, where it is another one than `newton` [N].
+    """Return the size [N] of the largest force that was held for 0.2 s, if it is another one than `newton`.
 
-    One observation suffices: it is a mean over 0.1 s. felt: (n, 3) [N].
+    Two observations in a row have it. An impact, as at a touch, is over before the second. felt: (n, 3) [N].
     """
-    most = float(np.linalg.norm(felt, axis=1).max(initial=0.0))
+    newtons = np.linalg.norm(felt, axis=1)
+    return _other(np.minimum(newtons[1:], newtons[:-1]), newton)
+
+
+def impact(felt: Array, newton: float) -> float | None:
+    """Return the size [N] of the largest force, where it is another one than the largest that was held.
+
+    newton: the largest force [N] of the app; felt: (n, 3) [N].
+    """
+    newtons = np.linalg.norm(felt, axis=1)
+    return _other(newtons, max(newton, stronger_force(felt, newton) or 0.0))
+
+
+def _other(newtons: Array, newton: float) -> float | None:
+    """Return the largest of sizes (n,) [N], where it is another one than `newton` [N]."""
+    most = float(newtons.max(initial=0.0))
     return most if most >= newton + UNLIKE_N else None
 
 

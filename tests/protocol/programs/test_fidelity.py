@@ -299,12 +299,22 @@ def test_a_stronger_force_in_a_press_is_named_unless_the_robot_exerts_it(
 ):
     touch, pressed, _ = press()
     peaked = pressed.model_copy(update={"stronger_n": stronger_n})
-    said = "was taught with up to 25.0 N for a moment, where it presses with less"
+    said = "was taught with up to 25.0 N for at least 0.2 s, where it presses with less"
     assert [one for one in reasons((touch, peaked)) if "was taught with" in one] == (
         [f"{said}: if the task needs that force, teach it as a press of its own"] * warned
     )
     edited = peaked.model_copy(update={"force": (0.0, 0.0, -25.0)})
-    assert not [one for one in reasons((touch, edited)) if "for a moment" in one]
+    assert not [one for one in reasons((touch, edited)) if "up to 25.0 N" in one]
+
+
+def test_impacts_are_named_once_for_the_program_the_hardest_first():
+    touch, pressed, _ = press()
+    hits = [pressed.model_copy(update={"impact_n": newton}) for newton in (20.0, 11.0, 31.0, 25.0, 24.0)]
+    said = "31.0 N in app 4 (apply force), 25.0 N in app 5 (apply force), 24.0 N in app 6 (apply force)"
+    assert [one for one in reasons((touch, *hits)) if "impacts" in one] == [
+        f"impacts shorter than 0.2 s, as at a touch, are not reproduced: {said}, and 1 weaker"
+    ]
+    assert not [one for one in reasons((touch, hits[1])) if "impacts" in one]
 
 
 @pytest.mark.parametrize(

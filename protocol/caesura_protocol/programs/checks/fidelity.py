@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from caesura_protocol.app_force_limit import LEAST_PRESS_N, exerted_forces, force_in_words
-from caesura_protocol.app_kinds import APP_KINDS
+from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.messages import App, Gap, Vector, ViaPoint, WrenchReport
 from caesura_protocol.number_words import fixed, interval, reads_above
 from caesura_protocol.programs.app_time_shifts import part_of, rests_of
@@ -32,6 +32,7 @@ from caesura_protocol.up_direction import GRAVITY, UP
 
 UNEVEN_SHARE = 0.15  # of a force, by which one beside it is another force
 TAUGHT_APART = "a part was taught again"
+NAMED = 3  # impacts in a finding, the hardest ones
 EDITED_APART = "the way between them was not taught"
 EDITED: Mapping[str, Callable[[App], str]] = {  # text on an edit that changes what a robot does, by its mark
     "target": lambda app: "target" if app.target is None else f"target {in_mm(app.target)}",
@@ -73,6 +74,7 @@ def fidelity_findings(
         found += _missing_paths(apps)
         found += _missing_orientations(apps)
     found += _unknown_loads(apps)
+    found += _impacts(apps)
     wrench = None if quality is None else quality.wrench
     up = UP if wrench is None or wrench.up is None else wrench.up
     pose: ViaPoint | None = None
@@ -282,8 +284,8 @@ def _force_limits(app: App) -> Iterator[Reason]:
     least = min((force.newton for force in forces), default=math.inf)
     if app.stronger_n is not None and app.stronger_n > least * (1.0 + UNEVEN_SHARE):
         reason = (
-            f"was taught with up to {fixed(app.stronger_n, 1)} N for a moment, where it presses with less: "
-            "if the task needs that force, teach it as a press of its own"
+            f"was taught with up to {fixed(app.stronger_n, 1)} N for at least 0.2 s, where it presses with "
+            "less: if the task needs that force, teach it as a press of its own"
         )
         yield reason, app.stronger_n, least
     held = 0.0 if app.aslant is None else math.hypot(*app.aslant)
@@ -360,6 +362,24 @@ def _unknown_loads(apps: Sequence[App]) -> Iterator[Finding]:
             named = True
             reason = "carries a load that was not measured, 0 kg are assumed: enter load_kg in the JSON file"
             yield Finding("warning", index, app.kind, reason)
+
+
+def _impacts(apps: Sequence[App]) -> Iterator[Finding]:
+    """Find impacts that are harder than their presses, in one finding for the program.
+
+    Every second demonstration with a press begins one with an impact.
+    """
+    hit: list[tuple[float, str]] = []
+    for index, app in enumerate(apps):
+        most = max((force.newton for force in exerted_forces(app)), default=math.inf)
+        if app.impact_n is not None and app.impact_n > most * (1.0 + UNEVEN_SHARE):
+            hit.append((app.impact_n, app_name(index, app.kind)))
+    if hit:
+        hardest = sorted(hit, reverse=True)[:NAMED]
+        said = ", ".join(f"{fixed(newton, 1)} N in {name}" for newton, name in hardest)
+        rest = f", and {len(hit) - NAMED} weaker" if len(hit) > NAMED else ""
+        reason = f"impacts shorter than 0.2 s, as at a touch, are not reproduced: {said}{rest}"
+        yield Finding("warning", None, None, reason, hardest[0][0])
 
 
 def _lost_rests(app: App) -> Iterator[Reason]:

@@ -28,6 +28,7 @@ NUMBERS = (
     "gripper_width",
     "weaker_n",
     "stronger_n",
+    "impact_n",
     "aslant",
     "moved_m_per_s",
     "turned_rad_per_s",

@@ -14,11 +14,11 @@ from caesura_protocol.transport.memory import MemoryNetwork
 from caesura_protocol.transport.transport_interface import Priority
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
-from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server import key_publishers
 from caesura_service.server.blocking_sends import Lanes
 from caesura_service.server.key_publishers import KeyPublishers
 from caesura_service.server.memory_network import MemoryPublisher, MemorySession
+from harness.fake_pipeline import make_fake_pipeline
 from harness.peer import MemoryPeer, Received
 from harness.processes import eventually
 from harness.sessions import batches, opening

@@ -132,7 +132,7 @@ class SessionOverview:
         batches = [one for one in page if isinstance(one, BatchRow)]
         if not batches:
             return
-        times = [_time(one, row) for one in batches for row in (0, one.n - 1)]
+        times = [t for one in batches for t in batch_times(one)]
         self.pages.append(PageTimes(min(times), max(times), batches[0].place, batches[-1].place))
 
     def as_bytes(self) -> bytes:
@@ -172,6 +172,11 @@ class SessionOverview:
     def places(self, t0: float, tn: float) -> list[PageTimes]:
         """Return the pages that may have samples from t0 to tn [s]."""
         return [page for page in self.pages if page.t0 <= tn and page.tn >= t0]
+
+
+def batch_times(batch: BatchRow) -> tuple[float, float]:
+    """Return the times [s] of the first and the last row of a batch."""
+    return _time(batch, 0), _time(batch, batch.n - 1)
 
 
 def _time(batch: BatchRow, row: int) -> float:

@@ -1,7 +1,7 @@
 """Samples of sessions for plots, from cached overviews or from the journal.
 
 A session is read once for its overview. Then the cost of an answer depends on its size: bins of the overview,
-or at most MAX_BINS times the samples per bin. The calling thread does all of this work.
+or at most MOST_SAMPLES of the journal. The calling thread does all of this work.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.gap_free_sample_runs import SPEED_WINDOW_S, Speed, chosen_columns
-from caesura_protocol.keys import SampleRange
+from caesura_protocol.keys import MAX_BINS, SampleRange
 from caesura_protocol.messages import MAX_HOLES, Gap, RecordedSamples
 from caesura_protocol.minmax_decimation import (
     Extremes,
@@ -28,12 +28,13 @@ from caesura_protocol.minmax_decimation import (
     points_of,
 )
 from caesura_service.decimation.batch_decoder import BatchDecoder
-from caesura_service.decimation.overview import SessionOverview
+from caesura_service.decimation.overview import SAMPLES_PER_BIN, SessionOverview, batch_times
 from caesura_service.journal import BatchRow, BatchSource, JournalError, Key, SessionExtent
 
 logger = logging.getLogger(__name__)
 
 LEAD_S = 4 * SPEED_WINDOW_S  # read before a range, for the speed at its beginning
+MOST_SAMPLES = MAX_BINS * SAMPLES_PER_BIN  # read for one answer; a wider range has the overview's bins
 SLICE_S = 0.1  # of reading, before another station has its turn
 HELD_BYTES = 1 << 27  # of overviews; past it the one that was asked for longest ago goes
 
@@ -150,8 +151,8 @@ class SampleReader:
     def _extremes(self, overview: SessionOverview, wanted: SampleRange) -> tuple[float, Extremes]:
         """Return the width [s] and the extremes of the bins that a range touches."""
         bin_s = (wanted.tn - wanted.t0) / wanted.bins
-        if bin_s < overview.bin_s:
-            return bin_s, self._fresh(overview, wanted, bin_s)
+        if bin_s < overview.bin_s and (fresh := self._fresh(overview, wanted, bin_s)) is not None:
+            return bin_s, fresh
         if not overview.bin_s:
             return bin_s, overview.extremes()
         every = int(np.ceil(bin_s / overview.bin_s * (1 - 1e-9)))
@@ -159,15 +160,24 @@ class SampleReader:
         some = between(overview.extremes(), first // every * every, (last // every + 1) * every - 1)
         return every * overview.bin_s, coarser(some, every)
 
-    def _fresh(self, overview: SessionOverview, wanted: SampleRange, bin_s: float) -> Extremes:
-        """Return the extremes of the bins that a range touches, computed from the samples themselves."""
+    def _fresh(self, overview: SessionOverview, wanted: SampleRange, bin_s: float) -> Extremes | None:
+        """Return the extremes of the bins that a range touches, computed from the samples themselves.
+
+        Returns None for more than MOST_SAMPLES: a session may begin with few samples a second, for which its
+        overview has wide bins, and go on with many.
+        """
         first, last = bins_of(np.array([wanted.t0, wanted.tn]), bin_s).tolist()
-        pages = overview.places(first * bin_s - LEAD_S, (last + 1) * bin_s)
+        t0, tn, count = first * bin_s - LEAD_S, (last + 1) * bin_s, 0
+        pages = overview.places(t0, tn)
         batches: dict[int, BatchRow] = {}
         if pages:
             beyond, up_to = min(page.first for page in pages) - 1, max(page.last for page in pages)
             for page in self._source.pages(overview.key, overview.extent, beyond, up_to):
                 batches |= {one.seq: one for one in page if isinstance(one, BatchRow)}
+                times = ((one.n, *batch_times(one)) for one in page if isinstance(one, BatchRow))
+                count += sum(n for n, begin, end in times if begin <= tn and end >= t0)
+                if count > MOST_SAMPLES:
+                    return None
         assembly, speed = BatchDecoder(overview.opening), Speed(overview.opening.columns)
         parts = []
         for run in assembly.push([batches[seq] for seq in sorted(batches)]):

@@ -7,9 +7,11 @@ import pytest
 
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.keys import SampleRange
+from caesura_protocol.keys import MAX_BINS, SampleRange
 from caesura_protocol.minmax_decimation import unpack_points
 from caesura_service.decimation import SampleReader
+from caesura_service.decimation.batch_decoder import BatchDecoder
+from caesura_service.decimation.overview import SAMPLES_PER_BIN
 from caesura_service.decimation.reader import Owned
 from caesura_service.journal import FileBatches, JournalBatches, MemoryJournal, Record, SqliteJournal
 from harness.journals import COLUMNS, ended, taught, written
@@ -135,6 +137,32 @@ def test_lengths_are_metres_whatever_the_bridge_sends():
     )
     recorded = SampleReader(JournalBatches(journal)).read(CLOSED, SampleRange(0.0, 1.0, 100))
     assert unpack_points(recorded)["px"][0, 1] == 0.25
+
+
+def test_no_answer_reads_a_whole_session_whose_rate_rises(tmp_path):
+    """Its overview has wide bins, so that each view of all of it read every sample: 5 s for ten minutes."""
+    slow, fast = taught(1600.0, 5.0), taught(250.0, 1000.0)
+    fast[:, 0] += 1600.0
+    sent = np.concatenate([slow, fast])
+    written(tmp_path, sent)
+    reader, decoded = SampleReader(FileBatches(tmp_path)), []
+    whole = SampleRange(0.0, 1850.0, MAX_BINS)
+    reader.read(CLOSED, SampleRange(0.0, 1850.0, 1))
+    push = BatchDecoder.push
+
+    def counting(self, batches):
+        decoded.append(sum(one.n for one in batches))
+        return push(self, batches)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(BatchDecoder, "push", counting)
+        recorded = reader.read(CLOSED, whole)
+        near = reader.read(CLOSED, SampleRange(1700.0, 1740.0, MAX_BINS))
+    assert sum(decoded) < 2 * MAX_BINS * SAMPLES_PER_BIN
+    assert recorded.bin_s == pytest.approx(10.0)
+    assert near.bin_s == pytest.approx(40.0 / MAX_BINS)
+    for answer in (recorded, near):
+        assert check(answer, sent, COLUMNS) > 0
 
 
 def test_a_session_without_records_is_refused_by_name(tmp_path):

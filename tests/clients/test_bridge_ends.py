@@ -53,10 +53,10 @@ class Ahead(FakeService):
         return super()._close(station, close)
 
 
-def end_unstored(memory, source, folder):
-    """A bridge of station cell-1 sends 50 samples, which no service stores, and ends."""
+def end_unstored(memory, source, folder, station="cell-1", session="mine"):
+    """A bridge sends 50 samples, which no service stores, and ends."""
     settings = replace(IMPATIENT, unstored_folder=folder)
-    with Bridge(memory.transport(), "cell-1", source, session="mine", settings=settings) as bridge:
+    with Bridge(memory.transport(), station, source, session=session, settings=settings) as bridge:
         bridge.send(samples(50))
         bridge.finish()
 
@@ -64,11 +64,26 @@ def end_unstored(memory, source, folder):
 def test_a_live_demonstration_that_no_service_has_stored_is_kept_as_a_recording(memory, tmp_path, caplog):
     with pytest.raises(Unreachable):
         end_unstored(memory, LiveSource(), tmp_path)
-    kept = load_recording(tmp_path / "mine.unstored.npz")
+    kept = load_recording(tmp_path / "cell-1.mine.unstored.npz")
     np.testing.assert_array_equal(kept.matrix(), samples(50))
     assert (kept.wrench_source, kept.force_frame) == ("none", "base")
     assert "of 3 batches a service is known to have 0" in caplog.text
-    assert f"--station cell-1 --source file --file {tmp_path / 'mine.unstored.npz'}" in caplog.text
+    assert f"--station cell-1 --source file --file {tmp_path / 'cell-1.mine.unstored.npz'}" in caplog.text
+
+
+def test_no_demonstration_replaces_another_one_that_is_kept(memory, tmp_path):
+    """Those of two stations had one file, and so had two ends of one session."""
+    ends = ("cell-1", "mine"), ("cell-2", "mine"), ("cell-1", "mine"), ("cell-1-a", "b"), ("cell-1", "a-b")
+    for station, session in ends:
+        with pytest.raises(Unreachable):
+            end_unstored(memory, LiveSource(), tmp_path, station, session)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "cell-1-a.b.unstored.npz",
+        "cell-1.a-b.unstored.npz",
+        "cell-1.mine.2.unstored.npz",
+        "cell-1.mine.unstored.npz",
+        "cell-2.mine.unstored.npz",
+    ]
 
 
 def test_what_is_stored_or_can_be_read_again_is_not_kept(memory, tmp_path):

@@ -312,7 +312,7 @@ def test_a_session_is_exported_as_a_dataset_from_its_page_and_from_the_list(stag
         expect(link).to_contain_text(re.compile("LeRobot dataset$|of this session"))
         answer = visitor.page.request.get(f"{stage.dashboard.url}{link.get_attribute('href')}")
         assert (answer.status, answer.body()[:2]) == (200, b"PK"), answer.text()
-        assert 'filename="cell-2-done-1-lerobot.zip"' in answer.headers["content-disposition"]
+        assert 'filename="cell-2.done-1-lerobot.zip"' in answer.headers["content-disposition"]
     refused = visitor.page.request.get(f"{stage.dashboard.url}/datasets?session=cell-2/none")
     assert (refused.status, refused.text()) == (
         409,

@@ -360,7 +360,7 @@ class Bridge:
         name = f"{self.station}/{self.session}"
         lacking = f"of {counted(self.sent, 'batch')} a service is known to have {self.acknowledged}"
         try:
-            path = save_unstored(self._open, batches, folder)
+            path = save_unstored(self.station, self._open, batches, folder)
         except OSError as error:
             why = f"{folder.absolute()} does not take it: {error.strerror or error}"
             logger.error("%s: %s; the rest is lost, %s", name, lacking, why)

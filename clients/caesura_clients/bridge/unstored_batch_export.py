@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain, count
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +16,11 @@ from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import ASSUMED, Recording
 
 
-def save_unstored(opening: Open, batches: Sequence[StoredBatch], folder: Path) -> Path:
-    """Write at least one batch to a whole `SESSION.unstored.npz`; return its path. Raises OSError."""
+def save_unstored(station: str, opening: Open, batches: Sequence[StoredBatch], folder: Path) -> Path:
+    """Write at least one batch to a whole `STATION.SESSION.unstored.npz`; return its path. Raises OSError.
+
+    Another file of this name stays; this one then has a number before `unstored`.
+    """
     rows = np.concatenate([unpack_samples(decode(*one.content, SampleBatch)) for one in batches])
     recording = Recording(
         rows[:, 0],
@@ -29,6 +33,8 @@ def save_unstored(opening: Open, batches: Sequence[StoredBatch], folder: Path) -
         name=opening.session,
         setting=CellSettings(**{name: getattr(opening, name) for name in CellSettings._fields}),
     )
-    path = folder / f"{opening.session}.unstored.npz"
+    name = f"{station}.{opening.session}"  # a dot is in neither
+    paths = (folder / f"{name}{number}.unstored.npz" for number in chain([""], map(".{}".format, count(2))))
+    path = next(path for path in paths if not path.exists())
     write_npz(path, recording)
     return path.absolute()

@@ -263,7 +263,7 @@ def _exported(site: Site, station: str, session: str, name: str, gripper: str | 
         content = WRITERS[name].write(program)
     except (ValueError, CaesuraError) as error:
         return PlainTextResponse(f"{station}/{session} cannot be written: {error}", status_code=409)
-    file = f'attachment; filename="{station}-{session}{WRITERS[name].suffix}"'
+    file = f'attachment; filename="{station}.{session}{WRITERS[name].suffix}"'
     return Response(content, media_type="text/plain; charset=utf-8", headers={"content-disposition": file})
 
 
@@ -278,7 +278,7 @@ def _zip_file(site: Site, named: list[tuple[str, str]]) -> Response:
         content = zipped_dataset(site.gateway, named)
     except (CaesuraError, ProtocolError) as error:
         return PlainTextResponse(f"no dataset was written: {error}", status_code=409)
-    name = "-".join(named[0]) if len(named) == 1 else f"{len(named)}-sessions"
+    name = ".".join(named[0]) if len(named) == 1 else f"{len(named)}-sessions"
     headers = {"content-disposition": f'attachment; filename="{name}-lerobot.zip"'}
     return Response(content, media_type="application/zip", headers=headers)
 

@@ -3,13 +3,14 @@
 It holds when the apps are the same in the same order, every target lies within 1 cm of its own, every press
 has a force within 15 % of the one that the program asks for, as measured and segmented, and every path that
 was run lies within 5 mm and 2° of the demonstrated one. Paths are compared app by app, as both were measured,
-from every place of the demonstration to the nearest of the run, and back.
+from every place of the demonstration to the nearest of the run, and back. One movement that the two programs
+divide otherwise is the same if the motion is (`divided_movements`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -19,17 +20,25 @@ from numpy.typing import NDArray
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from caesura_lab.evaluation.divided_movements import (
+    AROUND_S,
+    BothMotions,
+    Difference,
+    differences,
+    movements_of,
+)
 from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
 from caesura_lab.path_distance import furthest
 from caesura_protocol.app_kinds import APP_KINDS, app_name, app_number, app_title
 from caesura_protocol.messages import App, Vector
-from caesura_protocol.programs.app_time_shifts import rests_of
+from caesura_protocol.programs.app_time_shifts import rests_of, run_times
 from caesura_protocol.programs.document import document_of_apps
 from caesura_protocol.programs.document_timing import RunSpeed
 from caesura_protocol.programs.safety import CellSettings, Safety
 from caesura_protocol.recording import Recording
 
 Array = NDArray[np.float64]
+MotionDifference = Callable[[Difference], str | None]
 
 LIMITS_N: Mapping[str, float] = MappingProxyType(  # of the simulated cell, by scenario
     {
@@ -42,7 +51,6 @@ SCENARIOS = tuple(LIMITS_N)
 TARGET_M, FORCE_SHARE = 0.01, 0.15
 PATH_M, PATH_RAD = 0.005, math.radians(2.0)
 EVERY = 10  # ticks of 1 ms, of which one is compared
-AROUND_S = 0.3  # an app of the run may begin and end a little earlier or later on the same way
 REST_N = 1e-6
 
 
@@ -60,9 +68,10 @@ class RoundTripCase:
 class RoundTripResult:
     """The outcome of one round trip.
 
-    taught, executed: kinds of the apps; target_m: app by app, if the apps are the same; force: errors of
-    presses, relative; path_m, path_rad: largest distance and angle between the demonstrated path and the one
-    that was run, app by app that moves; why: the reason of a failure, None for a success.
+    taught, executed: kinds of the apps; target_m: app by app, or movement by movement where one is divided
+    otherwise; force: errors of presses, relative; path_m, path_rad: largest distance and angle between the
+    demonstrated path and the one that was run, app by app that moves; why: the reason of a failure, None for
+    a success.
     """
 
     case: RoundTripCase
@@ -105,7 +114,9 @@ def run_round_trip(case: RoundTripCase) -> RoundTripResult:
     if done.stopped is not None:
         why = f"stopped in app {app_number(done.at or 0)}: {done.stopped}"
         return RoundTripResult(case, _kinds(taught.apps), _kinds(again), (), (), why)
-    result = compare_programs(case, taught.apps, again)
+    app_times = [run_times(app) for app in taught.apps]
+    motions = BothMotions(recording, done.recording, app_times, done.spans, retimed=case.speed != "taught")
+    result = compare_programs(case, run_apps, again, motions.difference_at)
     off = [
         path_distance(
             _app_poses(recording, app.path.start.t, app.path.tn),
@@ -155,14 +166,44 @@ def _path_error(path_m: Sequence[float], path_rad: Sequence[float]) -> str | Non
     return None
 
 
-def compare_programs(case: RoundTripCase, taught: Sequence[App], executed: Sequence[App]) -> RoundTripResult:
-    """Compare a program with the one inferred from the recording of its run."""
+def compare_programs(
+    case: RoundTripCase,
+    taught: Sequence[App],
+    executed: Sequence[App],
+    motion_difference: MotionDifference | None = None,
+) -> RoundTripResult:
+    """Compare a program with the one inferred from the recording of its run.
+
+    motion_difference: how the motion differs at a division that only one program states; None where it is the
+    same. Without it, every such division is a difference.
+    """
     kinds = _kinds(taught), _kinds(executed)
-    if kinds[0] != kinds[1]:
-        return RoundTripResult(case, *kinds, (), (), _first_difference(*kinds))
-    targets = tuple(_target_error(a, b) for a, b in zip(taught, executed, strict=True))
-    forces = tuple(error for a, b in zip(taught, executed, strict=True) for error in _force_errors(a, b))
-    return RoundTripResult(case, *kinds, targets, forces, _target_or_force_error(taught, targets, forces))
+    result = RoundTripResult(case, *kinds, (), (), None)
+    if kinds[0] == kinds[1]:
+        result = _compared(result, [*enumerate(taught)], executed)
+    else:
+        result = replace(result, why=_first_difference(*kinds))
+    if result.why is None or motion_difference is None:
+        return result
+    mine, others = movements_of(taught), movements_of(executed)
+    if [one.kind for one in mine] != [one.kind for one in others]:
+        return result
+    only = (one for pair in zip(mine, others, strict=True) for one in differences(*pair, TARGET_M))
+    unlike = next(filter(None, map(motion_difference, only)), None)
+    if unlike is not None:
+        return replace(result, why=f"{result.why}: {unlike}")
+    return _compared(result, [one.last for one in mine], [one.last[1] for one in others])
+
+
+def _compared(
+    result: RoundTripResult, taught: Sequence[tuple[int, App]], executed: Sequence[App]
+) -> RoundTripResult:
+    """Return the result with the errors of targets and forces, app by app. taught: with their indices."""
+    pairs = [(app, other) for (_, app), other in zip(taught, executed, strict=True)]
+    targets = tuple(_target_error(*pair) for pair in pairs)
+    forces = tuple(error for pair in pairs for error in _force_errors(*pair))
+    why = _target_or_force_error(taught, targets, forces)
+    return replace(result, target_m=targets, force=forces, why=why)
 
 
 def _target_error(taught: App, executed: App) -> float:
@@ -199,9 +240,9 @@ def _first_difference(taught: Sequence[str], executed: Sequence[str]) -> str:
 
 
 def _target_or_force_error(
-    taught: Sequence[App], targets: Sequence[float], forces: Sequence[float]
+    taught: Sequence[tuple[int, App]], targets: Sequence[float], forces: Sequence[float]
 ) -> str | None:
-    for index, (app, error) in enumerate(zip(taught, targets, strict=True)):
+    for (index, app), error in zip(taught, targets, strict=True):
         if not error <= TARGET_M:
             return f"target of {app_name(index, app.kind)} is {1000 * error:.1f} mm off"
     for error in forces:

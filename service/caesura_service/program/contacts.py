@@ -75,7 +75,8 @@ def set_down(
     changed.
 
     A load keeps its weight, and in the air nothing resists a movement. So a change of `UNLIKE_N`, more than a
-    bias can account for, is a touch. A load that weighs more has been lifted off its support: no touch.
+    bias can account for, is a touch. In a rest directly before a contact, `PUSHES_BACK_N` along its force is
+    one, as in a rest after it. A load that weighs more has been lifted off its support: no touch.
     """
     segment = step.segment
     arrives = segment.kind == "motion" and ahead is not None and ahead.touches and may_press_in(step)
@@ -86,7 +87,11 @@ def set_down(
     changed = _changed(forces, base, context)
     if _is_lifted(step, changed, context):
         return step
-    return _touching(changed / max(length(changed), 1e-12), UNLIKE_N, base, step, forces, context)
+    touching = _touching(changed / max(length(changed), 1e-12), UNLIKE_N, base, step, forces, context)
+    if touching.touches or segment.motion != "steady" or ahead is None or not ahead.touches:
+        return touching
+    normal = direction(replace(ahead, base=base).force)
+    return _touching(normal, PUSHES_BACK_N, base, step, forces, context)
 
 
 def _changed(forces: NDArray[np.float64], base: Vector, context: Context) -> NDArray[np.float64]:

@@ -13,6 +13,7 @@ from service.program.segments import (
     GRASP,
     RELEASE,
     carried,
+    drifted,
     held,
     kinds,
     moment_at,
@@ -298,3 +299,32 @@ def test_a_load_that_changes_on_the_way_is_that_of_its_part(
         at=stopping_at,
     )
     assert [app.load_kg for app in made if app.kind == "transport"] == pytest.approx(loads, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("pushed_n", "following", "made"),
+    [
+        (4.0, "sliding", ["transport", "apply_force"]),
+        (2.0, "sliding", ["transport", "hold", "apply_force"]),
+        (4.0, "transport", ["transport", "hold", "transport"]),
+    ],
+)
+def test_a_rest_before_a_stroke_touches_with_as_little_force_as_one_after_it(
+    pushed_n: float, following: str, made: list[str]
+) -> None:
+    """A robot that pressed as lightly as it was taught held its load before the stroke, as it seemed."""
+
+    place = (0.0, 0.0, 0.2)
+    still = {"position_start": place, "position_end": place}
+
+    def at(t: float) -> Moment:
+        push = 0.0 if t < 2.0 else pushed_n if t < 3.0 or following == "transport" else 9.0
+        return replace(
+            drifted(t, pushed_n=push), position=(0.1 * max(t - 3.0, 0.0), 0.0, 0.2 * min(t / 2.0, 1.0))
+        )
+
+    stroke = segment(following, 3.0, 4.0, **ACROSS, **(held(9.0) if following == "sliding" else {}))
+    apps = program(
+        segment("transport", 1.0, 2.0), segment("hold", 2.0, 3.0, **still), stroke, grips=(GRASP,), at=at
+    )
+    assert kinds(apps)[-len(made) :] == made

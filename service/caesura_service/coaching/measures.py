@@ -20,6 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import pairwise
 from operator import mul
 from statistics import fmean, pstdev
@@ -41,6 +42,7 @@ FORCE_IN_MOTION_N = 1.0  # by which a force in movement varies, at most
 REFERENCE, PUSH_LIMIT = 1.0, 2.0  # of the cumulative sum of a hand's push [standard deviations]
 ZERO_COUNT = 5  # observations of free movement that show the zero of a force without a tare: 0.4 s, as a tare
 POSES = 4  # the cubic through them is compared with the movement between the middle two
+SHAKES = 3  # steps between poses in a row, all of which miss a part of a path that is shaken
 TURNS_BACK = 0.1  # of the way between two poses, that a movement goes back before or after them
 NOTHING: Vector = (0.0, 0.0, 0.0)
 AHEAD_S = 0.5  # in which a joint reaches the limit that is hinted at
@@ -116,6 +118,7 @@ class ObservedPose(NamedTuple):
     measured_n: float | None = None  # [N] length of the force as it came; None without a wrench
     orientation: Sequence[float] | None = None  # (4,) quaternion of the flange
     turning: Sequence[float] | None = None  # (4,) [1/s] how fast it changes
+    between: Array | None = None  # (n, 3 or 7) poses since the one before, evenly spread
 
 
 class ArmMeasures(NamedTuple):
@@ -148,6 +151,7 @@ class MotionState(NamedTuple):
     """The state that is carried from one observation to the next."""
 
     poses: tuple[ObservedPose, ...] = ()  # the newest POSES, oldest first, none across a gap
+    shaken: tuple[tuple[float, float], ...] = ()  # [m], [rad] of the newest SHAKES steps between poses
     push: float = 0.0  # as in Measures
     held_j: float = 0.0  # [J] work that what the tool touches took up and did not return
     drift: DriftState = DriftState()
@@ -180,13 +184,21 @@ class Meter:
             arm = _near_limit(self._setup.arm, arm, [*poses[-2:], pose])
         if before is None:
             unchanged = begun(state.unchanged, pose.measured_n, pose.t, pose.position)
-            state = state._replace(poses=(pose,), push=0.0, held_j=0.0, free=(), unchanged=unchanged)
+            state = state._replace(
+                poses=(pose,), shaken=(), push=0.0, held_j=0.0, free=(), unchanged=unchanged
+            )
             state = state._replace(arm=arm, arm_age=0)
             return state, Measures(arm=arm)
         unchanged, frozen_s = advanced(state.unchanged, pose.measured_n, pose.t, pose.position)
         poses = (*state.poses[1 - POSES :], pose)
-        state = state._replace(poses=poses, unchanged=unchanged, arm=arm, arm_age=arm_age)
-        measured = Measures(path_error_m=path_error(poses), turn_error_rad=turn_error(poses), arm=arm)
+        shaken = (*state.shaken[1 - SHAKES :], off_cubic(poses))
+        state = state._replace(poses=poses, shaken=shaken, unchanged=unchanged, arm=arm, arm_age=arm_age)
+        shaken_m, shaken_rad = map(min, zip(*shaken, strict=True)) if len(shaken) == SHAKES else (0.0, 0.0)
+        measured = Measures(
+            path_error_m=max(path_error(poses), shaken_m),
+            turn_error_rad=max(turn_error(poses), shaken_rad),
+            arm=arm,
+        )
         if unchanged is not None:
             measured = measured._replace(frozen_s=frozen_s, frozen_n=unchanged.measured_n)
         if not self._setup.clean_wrench:
@@ -353,6 +365,48 @@ def turn_error(poses: tuple[ObservedPose, ...]) -> float:
         turns.append([sign * one for one in turn])
         rates.append([sign * one for one in rate])
     return 2.0 * _missed(turns, (rates[1], rates[2]), poses[2].t - poses[1].t)
+
+
+def off_cubic(poses: tuple[ObservedPose, ...]) -> tuple[float, float]:
+    """Return how far the flange was from the cubic through four poses between the middle two, [m] and [rad].
+
+    0 for fewer poses. Shaking passes through ten poses a second with nearly any velocity, so it is seen
+    between them.
+    """
+    between = poses[-2].between if len(poses) == POSES else None
+    if between is None:
+        return 0.0, 0.0
+    metres = _off_cubic(np.array([one.position for one in poses]), between[:, :3])
+    turns = [one.orientation for one in poses if one.orientation]
+    if len(turns) < POSES or between.shape[1] < 7:
+        return metres, 0.0
+    both = np.vstack([turns, between[:, 3:]])
+    both *= np.where(both @ both[0] < 0.0, -1.0, 1.0)[:, None]  # q and -q are the same orientation
+    return metres, 2.0 * _off_cubic(both[:POSES], both[POSES:])
+
+
+def _off_cubic(places: Array, seen: Array) -> float:
+    """Return how far seen places (n, c) are from the cubic through four places (4, c).
+
+    As long as they lie between the middle two, the difference along the chord is one of time.
+    """
+    off = seen - _weights(len(seen)) @ places
+    chord = places[2] - places[1]
+    if way2 := float(chord @ chord):
+        shares = (seen - places[1]) @ chord / way2
+        if shares.min() >= -TURNS_BACK and shares.max() <= 1.0 + TURNS_BACK:
+            off -= (off @ chord / way2)[:, None] * chord
+    return math.sqrt(float(np.square(off).sum(axis=1).max()))
+
+
+@cache
+def _weights(count: int) -> Array:
+    """Return the weights (count, 4) of four places in their cubic, evenly between the middle two."""
+    s = np.linspace(0.0, 1.0, count + 2)[1:-1]
+    before, after, left = 1.0 - s, 1.0 + s, 2.0 - s
+    return np.column_stack(
+        [-s * before * left / 6, after * before * left / 2, after * s * left / 2, -after * s * before / 6]
+    )
 
 
 def _missed(

@@ -34,6 +34,7 @@ from caesura_service.program.contacts import pushes_back
 from caesura_service.program.end_velocities import with_end_velocities
 from caesura_service.program.gaps import observed_share
 from caesura_service.program.held_forces import (
+    force_aside,
     force_aslant,
     forces_felt,
     impact,
@@ -397,7 +398,7 @@ def _press(group: _Group) -> App:
         elif group.paths is not None:
             changes["off_straight_m"] = group.paths.off_straight_m(t0, end.t)
     if "path" not in changes:
-        changes["aslant"] = force_aslant(felt, hardest.force)
+        changes["aslant"] = force_aslant(felt, hardest.force) or force_aside(felt, hardest.force)
     return group.app("apply_force", group.steps, **changes)
 
 

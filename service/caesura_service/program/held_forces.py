@@ -89,7 +89,26 @@ def force_aslant(felt: Array, force: Vector | Array) -> Vector | None:
     sizes, apart = np.linalg.norm(levels, axis=1), np.linalg.norm(levels - force, axis=1)
     leans = levels @ force <= LEAN_COSINE * sizes * length(force)
     held = (off[:, -2] <= PUSHES_BACK_N) & (sizes >= PUSHES_BACK_N) & (apart >= UNLIKE_N) & leans
-    if not held.any():
+    return _opposite(levels[np.argmax(np.where(held, apart, 0.0))]) if held.any() else None
+
+
+def force_aside(felt: Array, force: Vector) -> Vector | None:
+    """Return the force [N] that the robot would exert as one that was pushed aside, such as to and fro.
+
+    It differs from `force` by another force across it, for `HELD_LOOKS` observations in all. It is their
+    median on the side of most of them. None without one. felt: (n, 3) [N] of a press without a way: a way
+    has friction.
+    """
+    along = np.divide(force, length(force))
+    aside = felt - (felt @ along)[:, None] * along
+    apart = np.linalg.norm(aside, axis=1) >= UNLIKE_N
+    if np.count_nonzero(apart) < HELD_LOOKS:
         return None
-    x, y, z = (-levels[np.argmax(np.where(held, apart, 0.0))]).tolist()
+    furthest = aside[np.argmax(np.linalg.norm(aside, axis=1))]
+    sides = apart & (aside @ furthest > 0.0), apart & (aside @ furthest < 0.0)
+    return _opposite(np.median(felt[max(sides, key=np.count_nonzero)], axis=0))
+
+
+def _opposite(force: Array) -> Vector:
+    x, y, z = (-force).tolist()
     return x, y, z

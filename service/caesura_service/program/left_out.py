@@ -159,7 +159,7 @@ def _detours_in(times: Array, poses: Array, *, turns_only: bool) -> Iterator[_De
     if len(times) < 3:
         return
     off_rad = np.nan_to_num(_off_turn(poses[:, 3:]))
-    off_m = np.linalg.norm(_off_line(poses[:, :3]), axis=1) * (not turns_only)
+    off_m = np.linalg.norm(off_line(poses[:, :3]), axis=1) * (not turns_only)
     away = np.round(off_m, 4) > STRAYED_M
     away |= np.round(np.degrees(off_rad), 1) > math.degrees(STRAYED_RAD)
     edges = np.flatnonzero(np.diff(away.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
@@ -168,7 +168,7 @@ def _detours_in(times: Array, poses: Array, *, turns_only: bool) -> Iterator[_De
         yield _Detour(float(times[low]), float(times[high - 1]), *off)
 
 
-def _off_line(points: Array) -> Array:
+def off_line(points: Array) -> Array:
     """Return the vectors (n, c) to points (n, c) from their nearest places between the first and the last."""
     away, step = points - points[0], points[-1] - points[0]
     share = np.clip(away @ step / max(float(step @ step), 1e-18), 0.0, 1.0)
@@ -180,7 +180,7 @@ def _off_turn(quaternions: Array) -> Array:
     """Return the angles (n,) [rad] of quaternions (n, 4) from the turn between the first and the last one."""
     turned = quaternions.copy()
     align_signs(turned)
-    nearest = turned - _off_line(turned)
+    nearest = turned - off_line(turned)
     cosine = np.vecdot(turned, nearest) / np.linalg.norm(nearest, axis=1)
     angles: Array = 2.0 * np.arccos(np.minimum(cosine, 1.0))
     return angles

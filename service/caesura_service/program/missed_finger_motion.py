@@ -1,11 +1,13 @@
-"""Motion of the fingers that no gripper event states: too slow for one, or cut by an end of the recording.
+"""Motion of the fingers that no gripper event states.
 
-After an event the opening is that of the event. Where it is another one, the fingers have moved, unless an
-event that they begin or end with explains it.
+It is too slow for one, is cut by an end of the recording, or leads back at once to where it began. After an
+event the opening is that of the event. Where it is another one, the fingers have moved, unless an event that
+they begin or end with explains it.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -32,17 +34,51 @@ class _Motion(NamedTuple):
     was: float
     furthest: float
 
+    def size(self) -> float:
+        """Return the distance [m] to the furthest opening; 0 where it is unknown."""
+        return 0.0 if math.isnan(self.was) else abs(self.furthest - self.was)
 
-def missed_finger_motion(times: Array, openings: Array, grips: Sequence[GripperAction]) -> Iterator[str]:
+    def overlaps(self, other: _Motion) -> bool:
+        """Return whether another motion is seen at the same time."""
+        return self.began <= other.ended and other.began <= self.ended
+
+    def text(self) -> str:
+        """Return the motion as text."""
+        when = f"at {interval(self.began, self.ended, 1)} s"
+        if math.isnan(self.was):
+            return f"fingers that moved and moved back {when}"
+        widths = f"{fixed(1000 * self.was, 0)} to {fixed(1000 * self.furthest, 0)} mm"
+        return f"the fingers from {widths} {when}"
+
+
+def missed_finger_motion(
+    times: Array,
+    openings: Array,
+    grips: Sequence[GripperAction],
+    excursions: Sequence[tuple[float, float, float, float]] = (),
+) -> Iterator[str]:
     """Yield text on each motion of the fingers without an event.
 
-    times: (n,) [s], openings: (n,) [m], nan where unknown; grips: in time order.
+    times: (n,) [s], openings: (n,) [m], nan where unknown; grips: in time order; excursions: begin and end
+    [s] of each motion back to where it began, with its first and its furthest opening [m], nan from a flag.
     """
+    seen = _off_the_events(times, openings, grips)
+    missed = [*seen, *(one for one in map(_Motion._make, excursions) if not any(map(one.overlaps, seen)))]
+    widest = sorted(missed, key=_Motion.size)[-NAMED:]
+    for one in sorted(missed):
+        if one in widest:
+            yield one.text()
+    if rest := len(missed) - len(widest):
+        yield f"{rest} shorter motions of the fingers"
+
+
+def _off_the_events(times: Array, openings: Array, grips: Sequence[GripperAction]) -> list[_Motion]:
+    """Return the motions in which observed openings are off those of the events."""
     known = ~np.isnan(openings)
     times, openings = times[known], openings[known]
     stated = [grip for grip in grips if grip.width is not None]
     if times.size < AT_LEAST or len(stated) < len(grips):
-        return
+        return []
     events = np.array([grip.t for grip in stated])
     levels = np.array([openings[0], *(grip.width for grip in stated)])[
         np.searchsorted(events, times, "right")
@@ -52,14 +88,7 @@ def missed_finger_motion(times: Array, openings: Array, grips: Sequence[GripperA
     edges = np.flatnonzero(np.diff(off.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
     found = [_motion(times[first:end], openings[first:end], levels[first]) for first, end in edges]
     long = [one for (first, end), one in zip(edges, found, strict=True) if end - first >= AT_LEAST]
-    missed = [one for one in long if not _is_explained(one, stated, beside_s)]
-    widest = sorted(missed, key=lambda one: abs(one.furthest - one.was))[-NAMED:]
-    for one in missed:
-        if one in widest:
-            widths = f"{fixed(1000 * one.was, 0)} to {fixed(1000 * one.furthest, 0)} mm"
-            yield f"the fingers from {widths} at {interval(one.began, one.ended, 1)} s"
-    if rest := len(missed) - len(widest):
-        yield f"{rest} shorter motions of the fingers"
+    return [one for one in long if not _is_explained(one, stated, beside_s)]
 
 
 def _motion(times: Array, openings: Array, level: float) -> _Motion:

@@ -1,46 +1,95 @@
-"""Torques held in a press that turns nothing: the robot presses with a force alone, and no app exerts them.
+"""Torques held while nothing turns: the robot exerts none, and no app states them.
 
-A force has no torque about its own direction, whatever its lever. So the torque along the force of a press is
-that of a hand which twists what it presses on.
+- In a press. A force has no torque about its own direction, whatever its lever. So the torque along the
+  force is that of a hand which twists what it presses on.
+- In a rest in the air, and in a hold. The weights of tool and load have a torque, too, and a load may change
+  it once. So what lies between the torques before and after is that of weights.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App
 from caesura_protocol.number_words import fixed, interval
+from caesura_service.program.left_out import off_line
 from caesura_service.program.program_segment import length
 
 Array = NDArray[np.float64]
 
 HELD_S = 1.0  # in all
 TWIST_NM = 0.5  # a tip of 2 cm that rubs under 40 N has as much
+BESIDE_S = 0.4  # before and after a rest, in which the torque is that of weights
 
 
-def missed_torques_note(apps: Sequence[App], torques_between: Callable[[float, float], Array]) -> str | None:
-    """Return a note on the torques of presses without a way; None without one.
+def missed_torques_note(
+    apps: Sequence[App],
+    torques_between: Callable[[float, float], Array],
+    began: float = 0.0,
+    ended: float = 0.0,
+) -> str | None:
+    """Return a note on the torques of presses, rests and holds in which nothing turns; None without one.
 
     torques_between: returns torques (n, 3) [Nm] of the environment about the flange, base frame, at even
-    times between two times [s]; none where they are not measured.
+    times between two times [s]; none where they are not measured. began, ended: of the demonstration [s].
     """
-    said = "; ".join(_held(apps, torques_between))
+    said = "; ".join([*_in_presses(apps, torques_between), *_in_rests(apps, torques_between, began, ended)])
     return f"Taught and exerted by no app, because nothing turned: {said}." if said else None
 
 
-def _held(apps: Sequence[App], torques_between: Callable[[float, float], Array]) -> Iterator[str]:
-    """Yield text on each torque that was held for `HELD_S` in all."""
+def _in_presses(apps: Sequence[App], torques_between: Callable[[float, float], Array]) -> Iterator[str]:
+    """Yield text on each torque about the force of a press that was held for `HELD_S` in all."""
     for app in apps:
         if app.kind != "apply_force" or app.path is not None or app.force_taught is None:
             continue
-        torques, seconds = torques_between(app.t0, app.tn), app.tn - app.t0
-        newton = length(app.force_taught)
-        if not torques.size or seconds < HELD_S or newton <= 0.0:
-            continue
-        twists = np.abs(torques @ app.force_taught) / newton
-        held_nm = float(np.quantile(twists, 1.0 - HELD_S / seconds))
-        if held_nm >= TWIST_NM:
+        torques, newton = torques_between(app.t0, app.tn), length(app.force_taught)
+        if newton > 0.0 and (held_nm := _held(np.abs(torques @ app.force_taught) / newton, app.t0, app.tn)):
             yield f"a torque of {fixed(held_nm, 1)} Nm about the force at {interval(app.t0, app.tn, 1)} s"
+
+
+def _in_rests(
+    apps: Sequence[App], torques_between: Callable[[float, float], Array], began: float, ended: float
+) -> Iterator[str]:
+    """Yield text on each torque of a rest or a hold that is not between the torques before and after it."""
+    for t0, tn in _rests(apps, began, ended):
+        if tn - t0 < HELD_S:
+            continue
+        before, torques, after = (
+            torques_between(*span) for span in pairwise((t0 - BESIDE_S, t0, tn, tn + BESIDE_S))
+        )
+        if len(torques) and len(before) and len(after):
+            points = np.vstack([np.median(before, axis=0), torques, np.median(after, axis=0)])
+            twists = np.linalg.norm(off_line(points), axis=1)[1:-1]
+            if held_nm := _held(twists, t0, tn):
+                yield f"a torque of {fixed(held_nm, 1)} Nm at {interval(t0, tn, 1)} s"
+
+
+def _rests(apps: Sequence[App], began: float, ended: float) -> Iterator[tuple[float, float]]:
+    """Yield the times [s] of the rests between apps that touch nothing, and of the holds."""
+    t, touches = began, False
+    for app in apps:
+        meets = APP_KINDS[app.kind].in_contact
+        if not (touches or meets):
+            yield t, app.t0
+        if app.kind == "hold":
+            yield app.t0, app.tn
+        t, touches = app.tn, meets or app.kind == "move_to_contact"
+    if not touches:
+        yield t, ended
+
+
+def _held(sizes: Array, t0: float, tn: float) -> float | None:
+    """Return the torque [Nm] that sizes (n,) between two times [s] have for `HELD_S` in all.
+
+    None if it is no twist.
+    """
+    seconds = tn - t0
+    if not sizes.size or seconds < HELD_S:
+        return None
+    held_nm = float(np.quantile(sizes, 1.0 - HELD_S / seconds))
+    return held_nm if held_nm >= TWIST_NM else None

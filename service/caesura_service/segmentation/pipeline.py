@@ -139,6 +139,7 @@ def _pose(observation: Observation, upright: NDArray[np.float64] | None) -> Obse
         observation.measured_n,
         None if observation.orientation is None else observation.orientation.tolist(),
         None if observation.turning is None else observation.turning.tolist(),
+        observation.between,
     )
 
 
@@ -553,11 +554,14 @@ class SegmentationPipeline:
         if self._moves(1):
             yield BEGINS_MOVING
         ways = detours(apps, *self._history.all_poses())
-        fingers = missed_finger_motion(*self._history.openings(), self._grips)
+        excursions = self._conditioner.finger_excursions
+        fingers = missed_finger_motion(*self._history.openings(), self._grips, excursions)
         if note := left_out_note(segments, apps, self._history.moment, self._program.up, (*ways, *fingers)):
             yield note
-        if note := missed_torques_note(apps, self._history.torques):
-            yield note
+        if self._in_use.contact_models:
+            span = self._history.t(0), self._history.t_last
+            if note := missed_torques_note(apps, self._history.torques, *span):
+                yield note
         if self._moves(len(self._history) - 1):
             yield ENDS_MOVING
         yield from ungrouped_notes(apps, self._view.phases)

@@ -24,6 +24,7 @@ from caesura_service.signals.boundary_place import RecentRows
 from caesura_service.signals.flange_pose_and_force import columns_of, flange_rows
 from caesura_service.signals.grid_resampler import MAX_WAITING_SAMPLES, NOTHING, Block, GridState, Resampler
 from caesura_service.signals.gripper_events import (
+    FingerExcursion,
     GripperEvent,
     GripperParameters,
     GripperState,
@@ -160,6 +161,8 @@ class Conditioner:
             phase=self._filter.half + 1,  # an observation is complete half a filter window after its row
             arithmetic=self._arithmetic,
         )
+        turn = self._columns.orientation
+        self._pose = np.r_[self._columns.position, turn] if turn else np.r_[self._columns.position]
         self._gripper = GripperTracker(self.parameters.grid_hz, self.parameters.gripper, self._arithmetic)
         self.reset()
 
@@ -187,6 +190,11 @@ class Conditioner:
         """The reason why the tare may have been a contact; "" without such a reason, or before the tare."""
         tare = self._state.tare.tare
         return "" if tare is None else tare.doubt
+
+    @property
+    def finger_excursions(self) -> tuple[FingerExcursion, ...]:
+        """Fingers that left a rest and came back to it, so far, in time order."""
+        return self._state.gripper.excursions
 
     @property
     def samples(self) -> int:
@@ -334,10 +342,11 @@ class Conditioner:
             t = self._resampler.time_of(anchor, first + i)
             after_gap = state.after_gap and not filtered
             speeds = self._speeds(recent, max(i + 1 - every, half), i)
+            between = recent[i + 1 - every : i, self._pose] if i >= every else None
             number, measured_n = state.rows + len(filtered), self._measured(recent[i])
             turning = None if turn is None else slope[turn]
             filtered.append(
-                FilteredRow(number, t, row, velocity, speed, speeds, after_gap, measured_n, turning)
+                FilteredRow(number, t, row, velocity, speed, speeds, after_gap, measured_n, turning, between)
             )
         return filtered
 

@@ -12,7 +12,9 @@ Rules
    fits.
 4. A column that is 0 has not said yet whether it is a flag (open) or an opening (closed). The first other
    value decides: 1 is a flag, which has no width; metres never reach 1.
-5. Movement slower than still_range_m / still_window_s (10 mm/s by default; a Panda's fingers travel 80 mm in
+5. Fingers that leave a rest and come back to it have no event. If they have moved by `excursion_m`, on two
+   rows in a row, the state keeps the excursion.
+6. Movement slower than still_range_m / still_window_s (10 mm/s by default; a Panda's fingers travel 80 mm in
    0.56 s) is not seen as movement.
 """
 
@@ -33,6 +35,8 @@ Array = NDArray[np.float64]
 EventKind = Literal["grasp", "release", "close", "open"]
 Posture = Literal["open", "grasped", "closed"]
 Signal = Literal["undecided", "opening", "flag"]
+
+EXCURSIONS = 100  # that are kept of a session
 
 #: (posture before, posture after) → event and whether it happens as the fingers begin or have settled.
 EVENTS: Mapping[tuple[Posture, Posture], tuple[EventKind, Literal["begun", "settled"]]] = {
@@ -56,6 +60,7 @@ class GripperParameters:
     still_range_m: float = 0.002  # wider than the noise of the opening, narrower than a step of a movement
     travel_m: float = 0.003  # a rest this much off the last one is another rest
     empty_m: float = 0.003  # fingers that settle at most this wide hold nothing
+    excursion_m: float = 0.005  # what is held gives way by less
     opening_max_m: float = 0.08  # Panda; stands for "open" where there is only a flag
 
     def __post_init__(self) -> None:
@@ -76,6 +81,15 @@ class GripperEvent:
     width: float | None
 
 
+class FingerExcursion(NamedTuple):
+    """Fingers that leave a rest and come back to it, between two times [s]; openings [m], nan from a flag."""
+
+    began: float
+    ended: float
+    was: float
+    furthest: float
+
+
 class GripperRows(NamedTuple):
     """The gripper's events, and its state on each grid row; nan where that is unknown."""
 
@@ -94,6 +108,8 @@ class GripperState(NamedTuple):
     begun: float | None = None  # [s] the last time at which the fingers were seen still
     latest: float = 0.0  # [m] opening on the last row
     last_row: int = 0  # its grid index
+    away: float = 0.0  # [m] how far the fingers have moved from that rest since, up or down
+    excursions: tuple[FingerExcursion, ...] = ()  # the first EXCURSIONS
 
 
 @dataclass(frozen=True)
@@ -163,20 +179,20 @@ class GripperTracker:
         spread = self.arithmetic.openings(rows, state.tail, *how, recent, grips)
         events: tuple[GripperEvent, ...] = ()
         if not (state.still and spread <= self.parameters.still_range_m):  # as it is most of the time
+            start = max(before - 1, 0)  # in recent, of what moves
             for i, stills in self._changes(state.still, recent, n):
                 end = before + i + 1
                 if stills:
                     level = float(np.median(recent[end - self.window : end]))
-                    state, event = self._settled(state, anchor, first + i, level)
+                    state, event = self._settled(_moved(state, recent[start:end]), anchor, first + i, level)
                     events += event
                 else:
-                    state = state._replace(still=False, begun=first + i - 1)
+                    state, start = state._replace(still=False, begun=first + i - 1), max(end - 2, 0)
                 below = self._closed_below(state)
                 grips[i:, 1] = math.nan if math.isnan(below) else recent[before + i :] <= below
+            state = state if state.still else _moved(state, recent[start:])
         tail = recent[max(0, len(recent) - (self.window - 1)) :].copy()
-        signal, _, still, posture, level, begun, _, _ = state
-        latest, last_row = float(recent[-1]), first + n - 1
-        state = GripperState(signal, tail, still, posture, level, begun, latest, last_row)
+        state = state._replace(tail=tail, latest=float(recent[-1]), last_row=first + n - 1)
         return state, GripperRows(events, grips)
 
     def _changes(self, still: bool, recent: Array, n: int) -> list[tuple[int, bool]]:
@@ -206,14 +222,25 @@ class GripperTracker:
         self, state: GripperState, anchor: float, row: int, level: float
     ) -> tuple[GripperState, tuple[GripperEvent, ...]]:
         """Return state and events of fingers that come to rest: the first still window ends at this row."""
-        rest = state._replace(still=True, begun=None)
+        rest = state._replace(still=True, begun=None, away=0.0)
         if state.posture is not None and abs(level - state.level) < self.parameters.travel_m:
-            return rest, ()
+            return self._with_excursion(state, rest, anchor, row - self.window + 1), ()
         posture = self._posture(state, level)
         events: tuple[GripperEvent, ...] = ()
         if state.posture is not None:
             events = self._event(state, posture, anchor, row - self.window + 1, level)
         return rest._replace(posture=posture, level=level), events
+
+    def _with_excursion(
+        self, state: GripperState, rest: GripperState, anchor: float, settled: int
+    ) -> GripperState:
+        """Return the state of a rest that is the one before, with the excursion from it."""
+        if abs(state.away) < self.parameters.excursion_m or state.begun is None:
+            return rest
+        began, ended = (anchor + row / self.grid_hz for row in (state.begun, settled))
+        was = math.nan if state.signal == "flag" else state.level
+        found = FingerExcursion(began, ended, was, was + state.away)
+        return rest._replace(excursions=(*state.excursions, found)[:EXCURSIONS])
 
     def _posture(self, state: GripperState, level: float) -> Posture:
         if state.signal == "flag":
@@ -231,6 +258,14 @@ class GripperTracker:
         row = settled if moment == "settled" or state.begun is None else state.begun
         width = None if state.signal == "flag" else level
         return (GripperEvent(anchor + row / self.grid_hz, kind, width),)
+
+
+def _moved(state: GripperState, openings: Array) -> GripperState:
+    """Return the state of moving fingers, with how far two openings (n,) [m] in a row are off the rest."""
+    off = openings - state.level
+    up = float(np.minimum(off[1:], off[:-1]).max(initial=state.away))
+    down = float(np.maximum(off[1:], off[:-1]).min(initial=state.away))
+    return state._replace(away=max(up, down, key=abs))
 
 
 def _leading_zeros(values: Array) -> int:

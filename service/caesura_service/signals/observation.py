@@ -41,6 +41,7 @@ class Observation:
     boundary_before: float | None = None  # [s] of a segment that starts with the observation before
     measured_n: float | None = None  # [N] length of the force as it came, with its bias and unfiltered
     turning: Array | None = None  # (4,) [1/s] how fast the quaternion changes
+    between: Array | None = None  # (n, 3 or 7) unfiltered poses since the one before, evenly spread
 
 
 class FilteredRow(NamedTuple):
@@ -55,6 +56,7 @@ class FilteredRow(NamedTuple):
     after_gap: bool
     measured_n: float | None  # [N] as in Observation
     turning: Array | None  # (4,) [1/s] as in Observation
+    between: Array | None  # as in Observation
 
 
 class Turned(NamedTuple):
@@ -96,6 +98,8 @@ def observation_of(
     [s]: see `boundary_place`.
     """
     filtered.velocity.setflags(write=False)
+    if filtered.between is not None:
+        filtered.between.setflags(write=False)
     width, closed = row[columns.width :].tolist()
     taken = tare.torque_bias if columns.torque else None
     rotation = None
@@ -120,4 +124,5 @@ def observation_of(
         boundary_before=boundary_before,
         measured_n=filtered.measured_n,
         turning=filtered.turning,
+        between=filtered.between,
     )

@@ -222,15 +222,24 @@ def test_a_load_that_was_not_measured_is_named_once_a_grasp():
     assert [one for one in found(*half) if "load" in one[1]] == []
 
 
-@pytest.mark.parametrize(("off_m", "warned"), [(0.008, False), (0.025, True)])
+@pytest.mark.parametrize(("off_m", "warned"), [(0.004, False), (0.008, True), (0.025, True)])
 def test_a_drift_to_where_the_fingers_close_is_motion_in_no_app(off_m: float, warned: bool):
     # A hand drifted by 25 mm before it grasped: scripts close the fingers 25 mm away, and nothing said so.
     apps = (
         move(0.0, there(0.1), there(0.2)),
         app("grasp", 4.0, 6.0, there(0.2 + off_m), gripper_width=0.05),
     )
-    said = "25 mm of way taught at 1.0–6.0 s are in no app: the robot does not move before this app"
+    where = "in no app: the robot does not move before this app"
+    said = f"{1000 * off_m:.0f} mm of way taught at 1.0–6.0 s are {where}"
     assert [reason for index, reason in found(*apps) if "in no app" in reason] == [said] * warned
+
+
+@pytest.mark.parametrize(("rest_s", "warned"), [(0.3, False), (4.0, True)])
+def test_a_drift_in_a_rest_in_the_air_is_motion_in_no_app(rest_s: float, warned: bool):
+    # A hand that was pulled aside by 8 mm within a rest of four seconds was in no app, without a word.
+    apps = (move(0.0, there(0.1), there(0.2)), move(1.0 + rest_s, there(0.208), there(0.3)))
+    said = f"8 mm of way taught at 1.0–{1.0 + rest_s} s {STRAIGHT}"
+    assert [reason for _, reason in found(*apps) if "in no app" in reason] == [said] * warned
 
 
 @pytest.mark.parametrize(

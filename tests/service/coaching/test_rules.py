@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from caesura_protocol.messages import Hint
 from caesura_service.coaching import ArmLimits, CoachingSetup, ObservedPose, SignalCoach
 from caesura_service.coaching.bias_drift_tracker import DriftState, DriftTracker
 from caesura_service.coaching.hint_log import CLEARED_KEPT, HintLog
-from caesura_service.coaching.measures import path_error, turn_error
+from caesura_service.coaching.measures import off_cubic, path_error, turn_error
 from caesura_service.constants import TARED_BIAS_N
 from caesura_service.robot import load_panda
 
@@ -427,3 +428,61 @@ def test_a_gap_asks_for_its_part_until_some_time_has_passed():
     assert (hint.kind, hint.since, hint.t0, hint.tn, hint.until) == ("show_again", 2.5, 2.0, 2.5, None)
     coach.observe(ObservedPose(20.0, AT_REST, STILL, STILL, math.nan, after_gap=True))
     assert coach.log.hints[0].until == 20.0
+
+
+Array = NDArray[np.float64]
+Places = Callable[[Array], Array]  # places (n, c) at times (n,) [s]
+
+
+def with_between(places: Places, count: int) -> tuple[ObservedPose, ...]:
+    """Poses ten times a second, each with nine places since the one before; a place may have a quaternion."""
+    looks = np.arange(1, 10) / 10.0 * STEP_S - STEP_S
+    poses = []
+    for t in STEP_S * np.arange(count):
+        x, y, z, *turn = places(np.array([t]))[0].tolist()
+        pose = ObservedPose(float(t), (x, y, z), STILL, STILL, 0.0, orientation=turn or None)
+        poses.append(pose._replace(between=places(t + looks)))
+    return tuple(poses)
+
+
+def moving_along_x(x: Callable[[Array], Array]) -> Places:
+    return lambda t: np.column_stack([x(t), 0.0 * t, 0.0 * t])
+
+
+def hints_of(poses: Iterable[ObservedPose]) -> list[str]:
+    coach = SignalCoach(CoachingSetup(False, TARED_BIAS_N, 0.002))
+    for pose in poses:
+        coach.observe(pose)
+    return kinds(coach.log.hints)
+
+
+@pytest.mark.parametrize("rate_hz", [8.0, 10.0, 12.0])
+@pytest.mark.parametrize(("amplitude_m", "found"), [(0.005, ["too_fast"]), (0.001, [])])
+def test_shaking_between_the_poses_is_too_fast(rate_hz: float, amplitude_m: float, found: list[str]):
+    """A hand that shook the tool by 5 mm ten times a second stood still in ten poses a second."""
+    shaking = moving_along_x(lambda t: amplitude_m * np.sin(2.0 * np.pi * rate_hz * t))
+    assert hints_of(with_between(shaking, 20)) == found
+
+
+@pytest.mark.parametrize(
+    "x", [lambda t: 0.01 * np.exp(-(((t - 0.95) / 0.014) ** 2)), lambda t: 0.5 * np.minimum(t, 0.95)]
+)
+def test_a_knock_and_a_sudden_stop_are_no_shaking(x: Callable[[Array], Array]):
+    """They are over before three steps between poses are."""
+    assert hints_of(with_between(moving_along_x(x), 20)) == []
+
+
+def test_what_lies_on_the_cubic_is_not_off_it_whatever_the_sign_of_a_quaternion_is():
+    def turning(t: Array) -> Array:
+        return np.column_stack([t**3, t**2, t, 0.0 * t, 0.0 * t, np.sin(0.5 * t), np.cos(0.5 * t)])
+
+    first, before, after, last = with_between(turning, 4)
+    before = before._replace(orientation=[-one for one in before.orientation or ()])
+    assert off_cubic((first, before, after, last)) == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert after.between is not None
+    shaken = after.between.copy()
+    shaken[4, 3] += 0.01
+    assert off_cubic((first, before, after._replace(between=shaken), last))[1] == pytest.approx(
+        0.02, rel=0.02
+    )
+    assert off_cubic((first, before, after)) == (0.0, 0.0)

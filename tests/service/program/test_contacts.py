@@ -301,6 +301,28 @@ def test_a_force_that_was_held_in_another_direction_is_stated(
 
 
 @pytest.mark.parametrize(
+    ("aside_n", "seconds", "stated"), [(8.0, 2.0, True), (8.0, 1.0, False), (4.0, 4.0, False)]
+)
+def test_a_force_that_is_pushed_to_and_fro_is_stated(aside_n: float, seconds: float, stated: bool) -> None:
+    """A press of 15 N with 8 N to either side once a second was a press down, and nothing stated the 8 N."""
+
+    def at(t: float) -> Moment:
+        pushed = drifted(t, pushed_n=15.0 if t >= 2.0 else 0.0)
+        x, y, z = pushed.force or (0.0, 0.0, 0.0)
+        swing = aside_n * math.sin(2.0 * math.pi * t) if 4.0 <= t < 4.0 + seconds else 0.0
+        return replace(pushed, force=(x + swing, y, z))
+
+    made = program(segment("motion", 0.0, 2.0), segment("contact", 2.0, 9.0, **held(15.0)), at=at)
+    (press,) = (app for app in made if app.force is not None)
+    if not stated:
+        assert press.aslant is None
+        return
+    assert press.aslant is not None
+    assert abs(press.aslant[0]) == pytest.approx(7.0, abs=1.0)
+    assert press.aslant[1:] == pytest.approx((0.0, -15.0), abs=0.1)
+
+
+@pytest.mark.parametrize(
     ("begins", "turns", "aslant"), [(9.5, False, None), (6.2, False, (-12.0, 0.0, -12.0)), (6.2, True, None)]
 )
 def test_a_force_in_another_direction_that_was_held_beside_a_stroke_is_stated(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -54,3 +55,28 @@ def test_of_a_noisy_column_the_widest_motions_are_named():
     found = list(missed_finger_motion(T, openings, ()))
     assert len(found) == 4
     assert found[-1].endswith(" shorter motions of the fingers")
+
+
+FLICK, OF_A_FLAG = (8.0, 8.1, 0.03, 0.07), (9.0, 9.1, math.nan, math.nan)
+
+
+def test_fingers_that_open_and_close_again_between_two_observations_are_named_once():
+    """Fingers that opened for 0.1 s dropped the part, and neither the program nor a finding had it."""
+    still = np.full(T.size, 0.03)
+    assert list(missed_finger_motion(T, still, (), (FLICK, OF_A_FLAG))) == [
+        "the fingers from 30 to 70 mm at 8.0–8.1 s",
+        "fingers that moved and moved back at 9.0–9.1 s",
+    ]
+    seen = np.where((T > 7.95) & (T < 8.15), 0.07, 0.03)
+    assert list(missed_finger_motion(T, seen, (), (FLICK,))) == ["the fingers from 30 to 70 mm at 8.0–8.1 s"]
+
+
+def test_of_many_motions_of_the_fingers_the_widest_are_named():
+    many = [(float(k), k + 0.1, 0.03, 0.04 + 0.001 * k) for k in range(5)]
+    found = list(missed_finger_motion(T, np.full(T.size, np.nan), (), many))
+    assert found == [
+        "the fingers from 30 to 42 mm at 2.0–2.1 s",
+        "the fingers from 30 to 43 mm at 3.0–3.1 s",
+        "the fingers from 30 to 44 mm at 4.0–4.1 s",
+        "2 shorter motions of the fingers",
+    ]

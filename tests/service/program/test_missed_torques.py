@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from caesura_protocol.messages import App
 from caesura_service.program import missed_torques_note
 from harness.programs import app, path_from
 
+Array = NDArray[np.float64]
 PLACE = (0.4, 0.0, 0.2)
 PRESS = app("apply_force", 2.0, 5.0, PLACE, force=(0.0, 0.0, -12.0), force_taught=(0.0, 0.0, -12.0))
 
@@ -33,7 +37,42 @@ def test_a_lever_a_small_torque_and_a_jerk_are_not_stated(torques: NDArray[np.fl
     assert missed_torques_note((PRESS,), lambda t0, tn: torques) is None
 
 
-def test_what_has_a_way_or_presses_nothing_is_not_stated():
+def test_what_has_a_way_or_touches_is_not_stated():
     path = path_from((0.3, 0.0, 0.2), 2.0, 5.0, 0.1)
     stroke = PRESS.model_copy(update={"path": path})
-    assert missed_torques_note((stroke, app("hold", 5.0, 8.0, PLACE)), lambda t0, tn: held(2.0)) is None
+    moves = app("cartesian_motion", 5.0, 8.0, PLACE, path=path)
+    assert missed_torques_note((stroke, moves), lambda t0, tn: held(2.0)) is None
+    touches = app("move_to_contact", 0.0, 1.0, PLACE, path=path)
+    assert missed_torques_note((touches, stroke), twisted(1.0, 2.0)) is None
+
+
+def twisted(t0: float, tn: float, weights_nm: tuple[float, float] = (0.0, 0.0)) -> Callable[..., Array]:
+    """A torque of 1.5 Nm about x between two times, beside those of weights about y before and after 3 s."""
+
+    def between(begin: float, end: float) -> Array:
+        t = np.arange(begin, end + 0.01, 0.1)
+        before, after = weights_nm
+        twists = np.where((t >= t0) & (t <= tn), 1.5, 0.0)
+        return np.column_stack([twists, np.where(t < 3.0, before, after), np.zeros(t.size)])
+
+    return between
+
+
+MOVES = (app("cartesian_motion", 0.0, 2.0, PLACE), app("cartesian_motion", 5.0, 6.0, PLACE))
+HOLDS = (
+    app("transport", 0.0, 2.0, PLACE),
+    app("hold", 2.0, 5.0, PLACE),
+    app("transport", 5.0, 6.0, PLACE),
+)
+
+
+@pytest.mark.parametrize("apps", [MOVES, HOLDS])
+@pytest.mark.parametrize("weights_nm", [(0.0, 0.0), (2.0, 2.0), (0.0, 2.0)])
+@pytest.mark.parametrize(("t0", "stated"), [(2.5, True), (3.8, False), (9.0, False)])
+def test_a_torque_in_a_rest_or_a_hold_is_stated_beside_those_of_weights(
+    apps: tuple[App, ...], weights_nm: tuple[float, float], t0: float, stated: bool
+):
+    """A hand twisted the tool with 1.5 Nm in the air, or what it held, and nothing turned."""
+    found = missed_torques_note(apps, twisted(t0, 4.5, weights_nm), 0.0, 6.0)
+    said = "Taught and exerted by no app, because nothing turned: a torque of 1.5 Nm at 2.0–5.0 s."
+    assert found == (said if stated else None)

@@ -335,6 +335,22 @@ def test_a_torque_that_is_held_in_a_press_while_nothing_turns_is_a_note() -> Non
         assert [note.startswith(said) for note in notes].count(True) == count
 
 
+def test_shaking_ten_times_a_second_and_fingers_that_open_for_a_moment_are_notes() -> None:
+    """Both lie between ten observations a second."""
+    still = guided()
+    t = still.t
+    rests = (t > 2.95) & (t < 3.45)
+    shaken = still.signals["pos"] + np.outer(0.005 * np.sin(20.0 * np.pi * t) * rests, (1.0, 0.0, 0.0))
+    flicked = np.where((t > 1.02) & (t < 1.08), 0.07, 0.03)[:, None]
+    notes = segmented(changed(still, **{**still.signals, "pos": shaken, "gripper": flicked})).notes
+    for said in (
+        "The hand moved too fast",
+        "Taught and in no app: the fingers from 30 to 70 mm at 1.0–1.1 s",
+    ):
+        assert [note.startswith(said) for note in notes].count(True) == 1
+    assert not [note for note in segmented(changed(still)).notes if "too fast" in note]
+
+
 COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz", "gripper")
 
 

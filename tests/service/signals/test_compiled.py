@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 def numbers(observation: Observation) -> Array:
     """All of them, one after the other."""
-    values = (np.atleast_1d(value) for value in vars(observation).values() if value is not None)
+    values = (np.ravel(value) for value in vars(observation).values() if value is not None)
     return np.array(list(chain.from_iterable(values)), dtype=np.float64)
 
 

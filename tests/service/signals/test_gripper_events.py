@@ -161,3 +161,34 @@ def test_an_object_held_through_a_gap_is_still_held() -> None:
 def test_thresholds_that_contradict_each_other_are_refused(options: dict[str, float], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         GripperParameters(**options)
+
+
+def excursions(width: Array, cuts: int = 1) -> list[tuple[float, ...]]:
+    conditioner = Conditioner(LAYOUT)
+    samples = np.column_stack([T, along((0.1, 0.0, 0.0), T), width])
+    together(conditioner, np.array_split(samples, cuts))
+    return [tuple(one) for one in conditioner.finger_excursions]
+
+
+@pytest.mark.parametrize("cuts", [1, 30, 3000])
+@pytest.mark.parametrize("seconds", [0.1, 0.15])
+def test_fingers_that_open_for_a_moment_and_close_again_have_an_excursion_and_no_event(
+    seconds: float, cuts: int
+) -> None:
+    opened = (seconds + 2.0) <= T
+    width = np.where((T >= 2.0) & ~opened, 0.07, 0.03)
+    assert kinds(follow(width, T)) == []
+    (found,) = excursions(width, cuts)
+    assert found == pytest.approx((2.0, 2.0 + seconds, 0.03, 0.07), abs=0.021)
+
+
+def test_fingers_that_rest_elsewhere_a_wrong_reading_and_a_part_that_gives_way_have_no_excursion() -> None:
+    assert excursions(travelling(T, (1.0, 0.04), (4.0, 0.08))) == []
+    assert excursions(np.where(np.abs(T - 2.0) < 0.001, 0.07, 0.03)) == []
+    assert excursions(np.where((T > 2.0) & (T < 2.1), 0.034, 0.03)) == []
+
+
+def test_a_flag_has_excursions_without_an_opening() -> None:
+    ((began, ended, *openings),) = excursions(np.where((T > 2.0) & (T < 2.1), 0.0, 1.0))
+    assert (began, ended) == pytest.approx((2.0, 2.1), abs=0.021)
+    assert np.isnan(openings).all()

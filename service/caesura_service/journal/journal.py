@@ -217,8 +217,8 @@ class Journal(Protocol):
         Any thread may call this method and `outcomes`; neither waits for a write.
         """
 
-    def outcomes(self) -> tuple[StoredOutcome, ...]:
-        """Return the sessions with an outcome, the newest first."""
+    def outcomes(self, station: str | None = None) -> tuple[StoredOutcome, ...]:
+        """Return the sessions with an outcome, the newest first: those of a station, or all."""
 
     def release(self, station: str, session: str) -> None:
         """Release a closed session, which is no longer in memory: the journal decides whether to keep it."""

@@ -155,9 +155,9 @@ class MemoryJournal:
         """Return the outcome of a session; None without one."""
         return self._outcomes.get((station, session))
 
-    def outcomes(self) -> tuple[StoredOutcome, ...]:
-        """Return the sessions with an outcome, the newest first."""
-        sizes = list(self._sizes.items())
+    def outcomes(self, station: str | None = None) -> tuple[StoredOutcome, ...]:
+        """Return the sessions with an outcome, the newest first: those of a station, or all."""
+        sizes = [one for one in self._sizes.items() if station in (None, one[0][0])]
         return tuple(StoredOutcome(key, size) for key, size in reversed(sizes) if key in self._outcomes)
 
     def check_readable(self) -> None:

@@ -192,6 +192,7 @@ SELECT outcomes.* FROM outcomes JOIN sessions ON id = session_id WHERE station =
 SELECT_OUTCOMES = f"""
 SELECT station, session, size FROM sessions JOIN outcomes ON session_id = id
 WHERE {KNOWN} AND closed ORDER BY id DESC"""
+SELECT_OUTCOMES_OF = SELECT_OUTCOMES.replace("AND closed", "AND closed AND station = ?")
 _SELECT_COPIES = f"""
 SELECT
     coalesce((

@@ -80,6 +80,7 @@ from caesura_service.journal.sqlite_database import (
     SELECT_OPEN,
     SELECT_OUTCOME,
     SELECT_OUTCOMES,
+    SELECT_OUTCOMES_OF,
     SELECT_ROWS,
     SELECT_SESSIONS,
     SELECT_USAGE,
@@ -236,14 +237,13 @@ class SqliteJournal(SqliteWriter):
             found = self._reader.execute(SELECT_OUTCOME, (station, session)).fetchone()
         return None if found is None else outcome_of((station, session), *found)
 
-    def outcomes(self) -> tuple[StoredOutcome, ...]:
-        """Return the sessions with an outcome, the newest first."""
+    def outcomes(self, station: str | None = None) -> tuple[StoredOutcome, ...]:
+        """Return the sessions with an outcome, the newest first: those of a station, or all."""
         with self._guard:
-            sizes = dict.fromkeys(reversed(self._outcomes), 0)
+            sizes = {key: 0 for key in reversed(self._outcomes) if station in (None, key[0])}
+        query = (SELECT_OUTCOMES,) if station is None else (SELECT_OUTCOMES_OF, (station,))
         with self._reading, map_sqlite_errors(self.path):
-            sizes |= {
-                (station, session): size for station, session, size in self._reader.execute(SELECT_OUTCOMES)
-            }
+            sizes |= {(of, session): size for of, session, size in self._reader.execute(*query)}
         return tuple(StoredOutcome(key, size) for key, size in sizes.items())
 
     def _pages(self, session: SessionRow, last: int) -> Iterator[Record]:

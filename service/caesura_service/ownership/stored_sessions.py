@@ -36,9 +36,15 @@ class StoredSessions:
         held = self._index().sessions.get(station, ())
         return self._serves(station) and all(one.name != session for one in held)
 
-    def page(self, matches: Callable[[Key], bool], wanted: StoredPage) -> Iterator[Snapshot]:
-        """Yield the outcomes of a page, the newest session first; at most PAGE_BYTES. Raises JournalError."""
-        asked = (one for one in self._journal.outcomes() if matches(one.key) and self.answers_for(*one.key))
+    def page(
+        self, matches: Callable[[Key], bool], wanted: StoredPage, station: str | None = None
+    ) -> Iterator[Snapshot]:
+        """Yield the outcomes of a page, the newest session first; at most PAGE_BYTES. Raises JournalError.
+
+        station: the one whose sessions match, so that those of others cost nothing; None: of any.
+        """
+        outcomes = self._journal.outcomes(station)
+        asked = (one for one in outcomes if matches(one.key) and self.answers_for(*one.key))
         size, left = 0, wanted.limit
         for one in islice(asked, wanted.skip, None):
             size += one.size

@@ -12,6 +12,7 @@ from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.journal import JournalError
 from caesura_service.ownership.stored_sessions import StoredSessions
 from caesura_service.server.background_thread import BackgroundThread
+from caesura_service.server.inbound import UNKNOWN
 from caesura_service.server.outbound import answering, reply_error, reply_message, reply_nothing
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 
@@ -27,12 +28,14 @@ class StoredSessionServer(BackgroundThread):
     def __init__(self, stored: StoredSessions, instance: str) -> None:
         self._instance = instance
         self._stored, self._log_rate = stored, RateLimit(LOG_RATE)
-        self._queue: WorkQueue[tuple[IncomingQuery, StoredPage]] = WorkQueue(QueueSettings(capacity=QUERIES))
+        self._queue: WorkQueue[tuple[IncomingQuery, str, StoredPage]] = WorkQueue(
+            QueueSettings(capacity=QUERIES)
+        )
         super().__init__("caesura-stored", self._queue.wake)
 
     def take(self, query: IncomingQuery, lane: str, wanted: StoredPage) -> bool:
         """Enqueue a query; return False if too many of the lane are queued."""
-        return self._queue.offer((query, wanted), lane)
+        return self._queue.offer((query, lane, wanted), lane)
 
     def _run(self) -> None:
         while not self._stopped.is_set():
@@ -46,10 +49,13 @@ class StoredSessionServer(BackgroundThread):
                     logger.exception("a query for stored sessions was not answered")
             self._queue.charge(time.perf_counter() - began)
 
-    def _answer(self, query: IncomingQuery, wanted: StoredPage) -> None:
+    def _answer(self, query: IncomingQuery, lane: str, wanted: StoredPage) -> None:
         with answering(query):
             try:
-                found = self._stored.page(lambda key: query.matches(session_key(*key, "snapshot")), wanted)
+                station = None if lane == UNKNOWN else lane
+                found = self._stored.page(
+                    lambda key: query.matches(session_key(*key, "snapshot")), wanted, station
+                )
                 replies = 0
                 for snapshot in found:
                     key = session_key(snapshot.status.station, snapshot.status.session, "snapshot")

@@ -174,6 +174,17 @@ def test_sessions_with_an_outcome_are_listed_the_newest_first_whether_written_or
     assert [one.key[1] for one in journal.outcomes()] == ["s1", "s2"]
 
 
+def test_sessions_of_one_station_are_listed_without_those_of_others(journal):
+    for station in ("cell-1", "cell-2"):
+        journal.append(Record(station, "s1", 0.0, opening("s1")))
+        journal.append(Record(station, "s1", 1.0, closing(-1, "s1")))
+        journal.store_outcome(station, outcome_of("s1"))
+    for _ in ("not written", "written"):
+        assert [one.key for one in journal.outcomes("cell-1")] == [("cell-1", "s1")]
+        assert journal.outcomes("cell-3") == ()
+        journal.flush()
+
+
 def test_a_session_with_a_close_is_a_closed_one(journal):
     for session in ("s1", "s2"):
         journal.append(record(session, 0))

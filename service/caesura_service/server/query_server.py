@@ -2,10 +2,9 @@
 
 They are answered from immutable states in a separate thread, so that queries never delay the worker, and a
 busy worker never delays an answer. There is one reply for each session or station that the query's key
-matches. Queries are queued as in the worker: fair by the measured time of the answers, with a lane for each
-station in a key, one for all keys without a station, and one for the status. A long answer is interrupted
-after each reply. Its last reply states the number of replies, because a congested network loses some of them,
-or all but the last. A query without room in the queue is refused as `overloaded`.
+matches. The status has a lane of its own. The last reply of an answer states the number of replies, because a
+congested network loses some of them, or all but the last. A query without room in the queue is refused as
+`overloaded`.
 
 While a station, or the service, is overloaded, this server checks its commands: one that would open a new
 session is refused at once; every other command is passed to the worker.
@@ -13,9 +12,7 @@ session is refused at once; every other command is passed to the worker.
 
 from __future__ import annotations
 
-import logging
 import threading
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from caesura_protocol.codec import decode
@@ -31,7 +28,7 @@ from caesura_protocol.keys import (
     station_key,
 )
 from caesura_protocol.messages import Control, Message, Open, Program, ServiceStatus, Snapshot
-from caesura_protocol.token_bucket import LOG_RATE, Rate, RateLimit
+from caesura_protocol.token_bucket import Rate, RateLimit
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.ownership.registry import Registry
 from caesura_service.ownership.session_index import SessionIndex
@@ -42,7 +39,7 @@ from caesura_service.publishing.session_state import (
     program_of,
     snapshot_of,
 )
-from caesura_service.server.background_thread import BackgroundThread
+from caesura_service.server.answering_thread import AnsweringThread
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import (
     UNKNOWN,
@@ -61,18 +58,15 @@ from caesura_service.server.outbound import (
     reply_nothing,
     with_load,
 )
-from caesura_service.server.work_queue import QueueSettings, WorkQueue
-
-logger = logging.getLogger(__name__)
+from caesura_service.server.work_queue import WorkQueue
 
 QUERIES = 1024  # that may wait; a quarter of them in one lane
 QUERY_BYTES = 4096  # of its parameters and content; those of Caesura have a few hundred, and no content
-TICK_S = 0.1
 # Of a station's commands and queries that are refused with a reason; others end at once.
 REFUSAL_RATE = Rate(100.0, 200.0)
 
 
-class QueryServer(BackgroundThread):
+class QueryServer(AnsweringThread):
     """Answers queries in a separate thread while the context lasts."""
 
     def __init__(
@@ -87,17 +81,13 @@ class QueryServer(BackgroundThread):
         """work: the worker's queue; stored: enqueues a query for stored sessions, with its lane."""
         self._stored = stored
         self._instance = instance
-        self._log_rate = RateLimit(LOG_RATE)
         self._refusal_rate = RateLimit(REFUSAL_RATE)
         self.rejected_commands = 0  # commands that were refused because of an overload
         self._counting = threading.Lock()
         self._registry = registry
         self._work_queue, self._budgets = work, budgets
         self._status = status
-        self._queue: WorkQueue[tuple[IncomingQuery, Iterator[None]]] = WorkQueue(
-            QueueSettings(capacity=QUERIES)
-        )
-        super().__init__("caesura-answers", self._queue.wake)
+        super().__init__("caesura-answers", QUERIES)
 
     def snapshot(self, query: IncomingQuery, lane: str) -> bool:
         """Enqueue a query for sessions: those in memory, or a page of stored ones.
@@ -156,28 +146,6 @@ class QueryServer(BackgroundThread):
         """Count commands that were refused."""
         with self._counting:
             self.rejected_commands += count
-
-    def _run(self) -> None:
-        while not self._stopped.is_set():
-            if (queued := self._queue.get(TICK_S)) is None:
-                continue
-            began = time.perf_counter()
-            if self._has_more(*queued):
-                self._queue.put_back(queued)
-            self._queue.charge(time.perf_counter() - began)
-
-    def _has_more(self, query: IncomingQuery, answer: Iterator[None]) -> bool:
-        """Send a part of an answer; return whether more of it is left."""
-        try:
-            next(answer)
-        except StopIteration:
-            return False
-        except Exception:
-            if self._log_rate.allows("any"):
-                logger.exception("a question was not answered")
-            query.drop()
-            return False
-        return True
 
     def _admit_command(self, query: IncomingQuery) -> Iterator[None]:
         command = CommandReceived(content_of_query(query), query)

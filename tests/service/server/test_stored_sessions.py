@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
@@ -20,13 +21,14 @@ from caesura_clients.session_corrections import send
 from caesura_protocol.errors import NotFound, ProtocolError
 from caesura_protocol.keys import SampleRange, StoredPage, session_key
 from caesura_protocol.messages import Describe, Description, Snapshot
-from caesura_protocol.transport.memory import MemoryNetwork
+from caesura_protocol.transport.memory import MemoryNetwork, MemoryQuestion
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
-from caesura_service.journal import SqliteJournal, StoredOutcome
+from caesura_service.journal import Outcome, SqliteJournal, StoredOutcome
 from caesura_service.journal.sqlite_database import SELECT_OUTCOMES_OF
 from caesura_service.ownership.stored_sessions import StoredSessions
 from caesura_service.server.memory_network import in_memory
+from caesura_service.server.stored_session_server import StoredSessionServer
 from caesura_service.sessions.limits import Limits
 from harness.fake_pipeline import make_fake_pipeline
 from harness.journals import ended, taught, written
@@ -154,6 +156,38 @@ def test_a_station_that_made_room_for_another_is_stored_and_taught_again(tmp_pat
         assert found.counts[0] == 180
         peer.command(opening("s2"), "cell-1")
         assert [(one.station, one.session) for one in caesura.sessions()] == [("cell-1", "s2")]
+
+
+def test_a_page_of_another_station_does_not_wait_for_the_end_of_a_long_one(tmp_path: Path, monkeypatch):
+    """A page of 16 long sessions takes seconds."""
+    for station, count in (("cell-1", 16), ("cell-2", 1)):
+        for name in NAMES[:count]:
+            outcome = ended("motion", t=1.0, station=station, session=name)
+            written(tmp_path, taught(1.0), station=station, session=name, closed=outcome)
+    both_ask, begun, read, outcome_of = threading.Event(), threading.Event(), [], SqliteJournal.outcome
+
+    def slow(self: SqliteJournal, station: str, session: str) -> Outcome | None:
+        begun.set()
+        assert both_ask.wait(DEADLINE_S)
+        read.append(station)
+        return outcome_of(self, station, session)
+
+    with SqliteJournal(tmp_path / "caesura-1.sqlite") as journal:
+        stored = StoredSessions(journal, lambda: INDEX, lambda _station: True)
+        monkeypatch.setattr(SqliteJournal, "outcome", slow)
+        first, second = (
+            MemoryQuestion(session_key(station, "*", "snapshot"), "", None)
+            for station in ("cell-1", "cell-2")
+        )
+        with StoredSessionServer(stored, "caesura-1") as server:
+            server.take(first, "cell-1", StoredPage())
+            assert begun.wait(DEADLINE_S)
+            server.take(second, "cell-2", StoredPage())
+            both_ask.set()
+            assert first.ended.wait(DEADLINE_S)
+            assert second.ended.wait(DEADLINE_S)
+    assert (len(first.replies), len(second.replies)) == (16, 1)
+    assert read.index("cell-2") <= 2
 
 
 def test_a_page_waits_for_no_write_of_the_journal(tmp_path: Path):

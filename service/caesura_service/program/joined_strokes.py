@@ -76,6 +76,7 @@ def with_ends(steps: Sequence[ProgramSegment], context: Context) -> list[Program
     """Return the steps; short slides and tilts beside a stroke are ends of it, with one path.
 
     The segmentation may divide such an end from its stroke or not, and differs between a person and a robot.
+    So short slides and a tilt beside each other are one stroke too, although none of them is one alone.
     """
     joined: list[ProgramSegment] = []
     for step in steps:
@@ -84,7 +85,20 @@ def with_ends(steps: Sequence[ProgramSegment], context: Context) -> list[Program
             joined[len(joined) - len(parts) + 1 :] = [_one_way(parts)]
         else:
             joined.append(step)
-    return joined
+    runs = groupby(joined, key=lambda step: _is_end(step, context) or _rests(step, context))
+    return [step for ends, run in runs for step in (_with_tilt(list(run), context) if ends else run)]
+
+
+def _with_tilt(run: list[ProgramSegment], context: Context) -> list[ProgramSegment]:
+    """Return ends of strokes and rests in a row; short slides are joined with the only tilt among them."""
+    places = [place for place, step in enumerate(run) if not _rests(step, context)]
+    tilts = [run[place] for place in places if _is_tilt(run[place], context.moment_at)]
+    if len(tilts) != 1 or len(places) < 2:
+        return run
+    first, end = places[0], places[-1] + 1
+    parts = run[first:end]
+    one = [_one_way(parts)] if _are_one(parts, tilts[0], context.moment_at) else parts
+    return [*run[:first], *one, *run[end:]]
 
 
 def _one_with(

@@ -154,3 +154,36 @@ def test_a_short_slide_before_a_stroke_is_its_beginning_with_one_path() -> None:
     assert (pressed.segments, pressed.path.tn) == ((1, 2, 3), 6.0)
     assert pressed.path.start.t == pytest.approx(2.1), "the first observation at which it pushes back"
     assert pressed.target == pytest.approx((0.2, 0.0, 0.2))
+
+
+@pytest.mark.parametrize("way_m", [0.013, 0.019])
+@pytest.mark.parametrize(
+    ("axes", "slide_n", "strokes"),
+    [
+        ([(1.0, 0.0, 0.0)], 9.0, [(1, 2, 3)]),
+        ([(1.0, 0.0, 0.0)], 16.0, [(1, 2), (3,)]),
+        ([(0.0, 0.0, 1.0)], 9.0, [(1, 2), (3,)]),
+        ([(1.0, 0.0, 0.0), (0.0, 1.0, 0.0)], 9.0, [(1, 2), (3,), (4,)]),
+    ],
+    ids=["pressed alike", "with another force", "about the tool", "two tilts"],
+)
+def test_a_short_slide_and_a_tilt_are_one_stroke_without_a_longer_one(
+    way_m: float, axes: list[tuple[float, float, float]], slide_n: float, strokes: list[tuple[int, ...]]
+) -> None:
+    """A peg was slid by 40 mm and tilted, and the last 20 mm of the robot's slide were a segment."""
+    ends = 4.3 + 0.7 * len(axes)
+    short = {"position_start": (0.1 - way_m, 0.0, 0.2), "position_end": (0.1, 0.0, 0.2)}
+
+    def at(t: float) -> Moment:
+        push = slide_n if 3.0 < t < 4.3 else 9.0 if 4.3 < t < ends else 0.0
+        return replace(drifted(t, pushed_n=push), orientation=UPRIGHT)
+
+    made = program(
+        segment("motion", 0.0, 3.0),
+        segment("sliding", 3.0, 4.0, **held(slide_n), **short),
+        segment("contact", 4.0, 4.3, **held(slide_n)),
+        *(turned(axis, 4.3 + 0.7 * k, 5.0 + 0.7 * k) for k, axis in enumerate(axes)),
+        segment("motion", ends, ends + 2.0, **OFF),
+        at=at,
+    )
+    assert [app.segments for app in made if app.kind == "apply_force"] == strokes

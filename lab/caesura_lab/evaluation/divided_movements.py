@@ -24,8 +24,8 @@ from caesura_service.program.joined_strokes import STROKE_REST_S
 from caesura_service.program.program_segment import OBSERVED_S
 
 AROUND_S = 0.3  # a movement may slow down a little earlier or later in its run
-LEAST_M = 1e-4  # in `OBSERVED_S`: a slower movement rests
-SLOWED_SHARE = 0.15  # of the speed beside a division, by which hand and robot may slow down differently
+SLOWED_SHARE = 0.15  # of the hand's speed beside a division, by which hand and robot may differ there
+RESTS_M_PER_S = 1e-3  # of a hand at rest
 NO_PLACE = (math.nan, math.nan, math.nan)
 
 
@@ -130,17 +130,17 @@ class BothMotions:
         if self.retimed:
             return None
         taught_s, run_s = np.ravel(self.taught_s), np.ravel(self.run_s)
-        hand = slowed(self.taught, t if is_taught else float(np.interp(t, run_s, taught_s)))
-        robot = slowed(self.run, float(np.interp(t, taught_s, run_s)) if is_taught else t)
-        if abs(hand - robot) <= SLOWED_SHARE:
+        hand, beside = speeds_at(self.taught, t if is_taught else float(np.interp(t, run_s, taught_s)))
+        robot, _ = speeds_at(self.run, float(np.interp(t, taught_s, run_s)) if is_taught else t)
+        if abs(hand - robot) <= max(SLOWED_SHARE * beside, RESTS_M_PER_S):
             return None
-        return f"the hand slows down to {100 * hand:.0f} % there, the robot to {100 * robot:.0f} %"
+        return f"the hand slows down to {1000 * hand:.0f} mm/s there, the robot to {1000 * robot:.0f} mm/s"
 
 
-def slowed(recording: Recording, t: float) -> float:
-    """Return the least speed within `AROUND_S` of a time [s], as a share of the lesser peak on both sides.
+def speeds_at(recording: Recording, t: float) -> tuple[float, float]:
+    """Return the least speed [m/s] within `AROUND_S` of a time [s], and the lesser peak on both sides.
 
-    The peaks lie within `NEAR_S`. A turn counts as a way of `TURNED_M` a radian; 0 where the flange rests.
+    The peaks lie within `NEAR_S`. A turn counts as a way of `TURNED_M` a radian.
     """
     times = t + OBSERVED_S * np.arange(-round(NEAR_S / OBSERVED_S), round(NEAR_S / OBSERVED_S) + 1)
     rows = np.clip(np.searchsorted(recording.t, times), 0, len(recording.t) - 1)
@@ -148,4 +148,4 @@ def slowed(recording: Recording, t: float) -> float:
     ways = sum(np.linalg.norm(np.diff(way, axis=0), axis=1) for way in (position, TURNED_M * turned))
     middle, near = len(ways) // 2, round(AROUND_S / OBSERVED_S)
     peak = min(ways[:middle].max(), ways[middle:].max())
-    return float(ways[middle - near : middle + near].min() / peak) if peak > LEAST_M else 0.0
+    return float(ways[middle - near : middle + near].min()) / OBSERVED_S, float(peak) / OBSERVED_S

@@ -13,7 +13,7 @@ from caesura_lab.evaluation.divided_movements import (
     Division,
     differences,
     movements_of,
-    slowed,
+    speeds_at,
 )
 from caesura_lab.evaluation.program_round_trip import RoundTripCase, compare_programs
 from caesura_protocol.messages import App
@@ -95,8 +95,8 @@ def passing(slowest: float, seconds: float = 4.0) -> Recording:
 
 
 @pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
-def test_slowing_down_is_a_share_of_the_speed_beside_it(share: float) -> None:
-    assert slowed(passing(share), 1.95) == pytest.approx(share, abs=0.06)
+def test_the_least_speed_is_found_and_the_one_beside_it(share: float) -> None:
+    assert speeds_at(passing(share), 1.95) == pytest.approx((0.2 * share, 0.2), abs=0.012)
 
 
 def test_a_turn_in_place_has_a_speed_and_a_rest_has_none() -> None:
@@ -105,9 +105,9 @@ def test_a_turn_in_place_has_a_speed_and_a_rest_has_none() -> None:
     zero = np.zeros_like(half)
     turning.signals["quat"][:] = np.column_stack([np.sin(half), zero, zero, np.cos(half)])
     turning.signals["pos"][:] = 0.0
-    assert slowed(turning, 2.0) == pytest.approx(1.0)
+    assert speeds_at(turning, 2.0) == pytest.approx((0.1, 0.1))
     turning.signals["quat"][:] = (1.0, 0.0, 0.0, 0.0)
-    assert slowed(turning, 2.0) == 0.0
+    assert speeds_at(turning, 2.0) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("is_taught", [True, False])

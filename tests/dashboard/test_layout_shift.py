@@ -130,7 +130,8 @@ def test_no_step_of_a_session_moves_the_plots(
     day.correct()
     day.stop("stop")
     assert day.shows_last_app(), "findings below the list cover it"
-    day.name()
+    if size != PHONE:  # there the form is folded
+        day.name()
     day.start("next")
     day.stop("last stop")
     assert page.evaluate("() => window.shifts") == []
@@ -157,11 +158,78 @@ def test_a_start_on_a_page_of_an_ended_session_moves_no_plots(
     day.start("start")
     day.stop("stop")
     assert day.places["start"] == day.places["opened again"] == day.places["stop"]
+    is_open = size != PHONE
+    expect(page.locator(".name-task")).to_be_visible(visible=is_open)
     page.locator(".description summary").click()
-    expect(page.locator(".name-task")).to_be_hidden()
-    day.start("closed by hand")
-    expect(page.locator(".name-task")).to_be_hidden()
+    expect(page.locator(".name-task"), "opened or closed by hand, it stays so").to_be_visible(
+        visible=not is_open
+    )
+    day.start("by hand")
+    expect(page.locator(".name-task")).to_be_visible(visible=not is_open)
     day.stop("last")
+    assert day.places["by hand"] == day.places["last"]
+    if size == PHONE:
+        day.name()
+        assert day.places["name"] == day.places["last"]
+    assert opened.errors == []
+
+
+@pytest.mark.parametrize("size", [DESK, UPRIGHT, PHONE], ids=["desk", "upright", "phone"])
+def test_samples_that_stop_move_no_plot(
+    stage: Stage, bridge: StandbyBridge, opened: Visitor, size: ViewportSize
+):
+    """The line on the session grew by their age, which on a busy machine came and went."""
+    opened.begin_again(size)
+    page = opened.page
+    page.goto(f"{stage.dashboard.url}/station/cell-1")
+    expect(page.locator(".desk")).to_contain_text("Ready")
+    day = Day(page)
+    day.start("start")
+    bridge.freeze()
+    try:
+        expect(page.locator(".state-line")).to_contain_text("last sample")
+        day.done("no samples")
+    finally:
+        bridge.thaw()
+    assert day.places["no samples"] == day.places["start"]
+    day.stop("stop")
+    assert opened.errors == []
+
+
+@pytest.mark.parametrize("path", ["/station/cell-5", "/sessions/cell-5/phone"])
+def test_a_phone_shows_the_state_and_the_first_plot_in_the_first_screen(
+    stage: Stage, opened: Visitor, path: str
+):
+    """The plots of a station began below the window: a form of 312 px stood above them."""
+    if path.startswith("/station"):
+        stage.teach("cell-5", guided(), session="phone", pace="fast")
+        stage.wait("cell-5")
+    opened.begin_again(PHONE)
+    page = opened.page
+    page.goto(f"{stage.dashboard.url}{path}")
+    expect(page.locator(".app").first).to_be_visible()
+    settled(page)
+    for part in (".desk-state" if path.startswith("/station") else ".state-line", ".band", ".panel .u-over"):
+        expect(page.locator(part).first, part).to_be_in_viewport(ratio=1)
+    assert opened.sideways_px() <= 0
+    assert opened.errors == []
+
+
+def test_a_phone_has_start_and_stop_and_the_first_plot_in_the_first_screen(
+    stage: Stage, bridge: StandbyBridge, opened: Visitor
+):
+    opened.begin_again(PHONE)
+    page = opened.page
+    page.goto(f"{stage.dashboard.url}/station/cell-1")
+    expect(page.locator(".desk")).to_contain_text("Ready")
+    day = Day(page)
+    day.start("start")
+    parts = (".desk-state", ".start", ".stop", ".description summary", ".band", ".panel .u-over")
+    for part in parts:
+        expect(page.locator(part).first, part).to_be_in_viewport(ratio=1)
+    day.stop("stop")
+    for part in parts:
+        expect(page.locator(part).first, part).to_be_in_viewport(ratio=1)
     assert opened.errors == []
 
 

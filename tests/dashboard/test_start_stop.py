@@ -227,7 +227,7 @@ def check_simulation(path: Locator) -> None:
     simulate, words = path.get_by_role("button", name="Simulate", exact=True), path.locator(".simulated")
     check_cancel(path, simulate, words)
     simulate.click()
-    expect(words).to_contain_text("cell as taught: 1 level surface, nothing else")
+    expect(words).to_contain_text("Ran to the end: cell as taught: 1 level surface, nothing else")
     expect(words).to_contain_text("m/s")
     run = path.get_by_role("button", name="Simulated run")
     expect(run).to_have_attribute("aria-pressed", "true")

@@ -130,7 +130,8 @@ class Simulator:
             [recording.t[chosen].round(2), (MM * recording.signals["pos"][chosen]).round(1)]
         )
         words = said.replace(f"; {run}", "").replace("\n", "; ")
-        return {"said": words, "stopped": not ended_well, "points": (table + 0.0).tolist()}
+        outcome = "Ran to the end" if ended_well else "Not ended"
+        return {"said": f"{outcome}: {words}.", "stopped": not ended_well, "points": (table + 0.0).tolist()}
 
     def _command(self, words: Sequence[str], made: Path) -> tuple[str, bool]:
         """Run a command that writes a file; return its output, and whether it succeeded.

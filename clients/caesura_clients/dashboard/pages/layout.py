@@ -75,7 +75,10 @@ def page(title: str, here: str) -> Iterator[Title]:
                 link = text("a", name).props(f'href="{path}"')
                 if path == here:
                     link.props('aria-current="page"')
-        theme = text("button", "Light or dark").classes("theme").props('type="button"')
+        theme = Element("button").classes("theme").props('type="button" aria-label="Light or dark"')
+        with theme:
+            text("span", "Light or dark").classes("theme-words")
+            text("span", "◐").classes("theme-sign").props('aria-hidden="true"')
         theme.on("click", js_handler="() => window.caesuraTheme()")
     yield Title(title)
 

@@ -9,6 +9,7 @@ import { dayAndTime } from "caesura-dashboard/numbers.js";
 import Staying from "caesura-dashboard/staying.js";
 import { unsaved } from "caesura-dashboard/unsaved.js";
 
+const NARROW = matchMedia("(max-width: 40rem)");
 const AUTHOR = "caesura-author";
 const empty = () => ({ task: null, operator: null, note: null, tags: [], success: null, deleted: false });
 const asTags = (text) => [...new Set(text.split(",").map((one) => one.trim()).filter(Boolean))];
@@ -66,7 +67,8 @@ export default {
     apply(payload) {
       const isOther = payload.session !== this.session;
       if (isOther) this.leave();
-      if (this.live && !this.session && payload.session) this.open = true; // opened at a start or an end, it would move the plots
+      // Opened at a start or an end it would move the plots. On a phone it is folded: the first plot is in the first screen.
+      if (this.live && !this.session && payload.session) this.open = !NARROW.matches;
       Object.assign(this, { session: payload.session, opened: payload.opened, closed: payload.closed, tasks: payload.tasks, stored: payload.description });
       if (isOther) for (const name of FIELDS) this.fill(name, payload.description);
       if (!this.isAsking()) this.learn(payload.description);

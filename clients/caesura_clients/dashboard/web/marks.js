@@ -5,7 +5,7 @@ import { fontOf } from "caesura-dashboard/canvas.js";
 const TINT = 0.1; // at most, behind a signal
 const ROOM = 40; // pixels from changepoint to changepoint, below which their lines fade
 const FADED = 0.03; // of a line, too faint to be seen: an hour has thousands, in every panel
-const PATTERNED = 2, LETTERED = 12; // pixels of a segment, below which neither a pattern nor a letter can be read
+const PATTERNED = 2, LETTERED = 12; // pixels of a segment, below which neither a pattern nor a letter can be read; see `namedAt`
 const FRAMED = 5; // pixels of a phase, below which its frame would cover its colour
 export const ROWS = { kinds: [24, 28], phases: [2, 20] }; // of the band: top and height
 export const BAND_HEIGHT = 54;
@@ -128,6 +128,15 @@ function vertical(context, area, t) {
   context.moveTo(area.x(t), area.top);
   context.lineTo(area.x(t), area.bottom);
   context.stroke();
+}
+
+// What stands at a place of the band, in full: a row of kinds or of phases, and which; null where there is none.
+// t: [s]; y: [px] from the top of the band.
+export function namedAt(state, t, y) {
+  const name = Object.keys(ROWS).find((row) => y >= ROWS[row][0] && y < ROWS[row][0] + ROWS[row][1]);
+  const rows = name === "phases" ? state.phases : state.previewedSegments || state.segments;
+  const row = name && rows.find(([t0, tn]) => t0 <= t && t < tn);
+  return row ? { name, row } : null;
 }
 
 export function drawBand(context, area, state, ink) {

@@ -1,5 +1,7 @@
 // What a pointer does in the plots: a press sets the time or takes a changepoint along; a drag elsewhere marks the range
 // to zoom to, with shift or a finger it moves the view; two fingers zoom. A right click or a long press corrects there.
+import { BAND_HEIGHT, namedAt } from "caesura-dashboard/marks.js";
+
 const MOVED = 4; // pixels, from which on a press is a drag
 const ROOM = 30;
 const LONG_MS = 500; // of a press by a finger that opens the menu
@@ -53,6 +55,7 @@ export const pointer = {
     },
     dragged(event) {
       const x = this.offset(event), before = this.fingers.get(event.pointerId);
+      if (event.pointerType === "mouse") this.pointedInBand = this.drag ? null : this.inBand(x, this.height(event));
       if (event.pointerType === "mouse" && !this.drag) this.canTake = this.changepointAt(x, "mouse").canMove;
       if (!this.drag || before === undefined) return;
       if (this.drag === "pinch") return this.pinched(event.pointerId, x);
@@ -69,6 +72,10 @@ export const pointer = {
         this.panned = true;
         this.pan((before - x) / (scale.x1 - scale.x0));
       }
+    },
+    inBand(x, y) { // where a pointer rests upon a segment or a phase: its name may not have room there
+      const found = y < BAND_HEIGHT ? namedAt(this, this.scale().t(x), y - this.$refs.band.offsetTop) : null;
+      return found && { ...found, x };
     },
     room(times, i, scale) { // pixels to the nearest other changepoint: those that lie close are selected, not dragged
       return Math.min(...[times[i - 1], times[i + 1]].map((t) => (t === undefined ? Infinity : Math.abs(scale.x(t) - scale.x(times[i])))));

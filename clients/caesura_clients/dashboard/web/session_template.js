@@ -22,6 +22,7 @@ const floating = `
   <correct-menu v-if="menu && cursor !== null" v-bind="menu" :t="cursor" :start="start" :selected="selected" :segment="segmentAtCursor" :phase="phaseAtCursor" :kinds="kinds" :author="author" :effect="effect"
     @edit="chosenInMenu" @close="closeMenu" @rename="rename" @time="goto"
     @preview="(action) => preview(action, 'menu')"></correct-menu>
+  <p v-if="pointedInBand && !menu" class="band-tip" :style="bandStyle" aria-hidden="true">{{ bandWords }}</p>
   <effect-words v-if="effectAt === 'tip' && (effect || ghost !== null)" class="effect-tip" :style="tipStyle" :effect="effect"
     :more="effect && !effect.waits ? '' : dragWords"></effect-words>
   <form v-if="asked" class="who" aria-label="Who corrects" @submit.prevent="name" @keydown.esc.stop="asked = null">
@@ -73,7 +74,7 @@ export const template = `
     <div v-show="session" class="plots-frame">
     <div ref="plots" class="plots" :class="{ takes: canTake }" tabindex="0" role="application" :aria-describedby="linked ? null : 'plot-help'"
       :aria-label="'Signals against time, with segments and changepoints' + (linked ? ' of ' + station : '')" @pointerdown="pressed" @pointermove="dragged"
-      @pointerup="released" @pointercancel="released" @touchend="lifted" @wheel.prevent="wheeled" @keydown="key"
+      @pointerup="released" @pointercancel="released" @pointerleave="pointedInBand = null" @touchend="lifted" @wheel.prevent="wheeled" @keydown="key"
       @contextmenu="pointedAt">
       <canvas ref="band" class="band"></canvas>
       <div ref="panels" class="panels" :style="{ '--count': chosen.length }"></div>

@@ -62,7 +62,7 @@ export default {
       ...empty(),
       span: 30, end: null, cursor: null, selected: null, ghost: null, marked: null, columns: null, playing: false, listed: false,
       author: localStorage.getItem(AUTHOR) || "", draft: "", asked: null, busy: false, message: "", failed: false,
-      menu: null, canTake: false, relabelled: null, inList: false,
+      menu: null, canTake: false, pointedInBand: null, relabelled: null, inList: false,
       kinds: KINDS, opens: POINTING.opens, chosen: chosen(), trouble: "",
     };
   },
@@ -113,6 +113,15 @@ export default {
     tipStyle() { // beside what is dragged, or at the right
       if (this.ghost === null) return { right: "0.5rem" };
       const x = this.scale().x(this.ghost), width = this.$refs.plots.clientWidth;
+      return x < width / 2 ? { left: `${x + 12}px` } : { right: `${width - x + 12}px` };
+    },
+    bandWords() { // of what is pointed at in the band, as of the selected segment
+      const { name, row } = this.pointedInBand, [t0, tn, kind, probability] = row;
+      const what = name === "phases" ? `phase ${phaseName(row)}` : kind, marks = [name === "kinds" && row[5] ? "corrected" : "", row[4] ? "" : "provisional"];
+      return [`${what} ${percent(probability)}`, `${this.shownTime(t0)} to ${this.shownTime(tn)} s`, ...marks].filter(Boolean).join(", ");
+    },
+    bandStyle() {
+      const { x } = this.pointedInBand, width = this.$refs.plots.clientWidth;
       return x < width / 2 ? { left: `${x + 12}px` } : { right: `${width - x + 12}px` };
     },
     markedStyle() {

@@ -14,7 +14,17 @@ pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard
 from playwright.sync_api import Page, ViewportSize, expect
 
 from caesura_protocol.formats.read import load_recording
-from dashboard.browser import DESK, PATIENCE_MS, PHONE, UPRIGHT, Visitor, needs_chromium, settled
+from dashboard.browser import (
+    DESK,
+    LOOK_MS,
+    PATIENCE_MS,
+    PHONE,
+    SETTLED,
+    UPRIGHT,
+    Visitor,
+    needs_chromium,
+    settled,
+)
 from dashboard.operator import Operator
 from dashboard.stage import REST_S, Stage, StandbyBridge, patient
 from dashboard.test_whole_day import shown_range
@@ -36,6 +46,11 @@ WATCH = """() => {
     }
   }).observe({ type: "layout-shift" });
 }"""
+LOADED_BEFORE = "() => { window.loadedBefore = document.querySelector('.plots').plots.state.data; }"
+IS_DRAWN = f"""() => {{
+  const plots = document.querySelector(".plots"), {{ state }} = plots.plots;
+  return state.closed ? ({SETTLED})(plots) : state.data !== window.loadedBefore;
+}}"""
 # Where each part begins on the page [px].
 PLACES = """() => Object.fromEntries([".desk", ".description", ".signals", ".plots", ".scrub"].map(
   (part) => [part, Math.round(document.querySelector(part).getBoundingClientRect().y + scrollY)]))"""
@@ -63,8 +78,13 @@ class Day:
         self.page.evaluate("(name) => { window.step = name; }", name)
 
     def done(self, name: str) -> None:
-        """It has ended: all that it changes is drawn."""
-        settled(self.page)
+        """It has ended: all that it changes is drawn.
+
+        A page of a demonstration that goes on is never at rest on a busy machine: there the samples that are
+        loaded after the step are drawn.
+        """
+        self.page.evaluate(LOADED_BEFORE)
+        self.page.wait_for_function(IS_DRAWN, polling=LOOK_MS)
         self.page.evaluate("() => new Promise((drawn) => requestAnimationFrame(() => setTimeout(drawn)))")
         self.places[name] = self.page.evaluate(PLACES)
 
@@ -178,7 +198,7 @@ def test_a_start_on_a_page_of_an_ended_session_moves_no_plots(
 def test_samples_that_stop_move_no_plot(
     stage: Stage, bridge: StandbyBridge, opened: Visitor, size: ViewportSize
 ):
-    """The line on the session grew by their age, which on a busy machine came and went."""
+    """The line on the session then has their age too, which on a busy machine comes and goes."""
     opened.begin_again(size)
     page = opened.page
     page.goto(f"{stage.dashboard.url}/station/cell-1")

@@ -9,6 +9,7 @@ from caesura_service.program.joined_movements import is_end_of_movement
 from caesura_service.program.joined_strokes import may_end_movement
 from caesura_service.program.left_out import BEGINS_MOVING, ENDS_MOVING, detours, left_out_note
 from caesura_service.program.missed_finger_motion import missed_finger_motion
+from caesura_service.program.missed_pulls import missed_pulls_note
 from caesura_service.program.missed_torques import missed_torques_note
 from caesura_service.program.paths import Paths
 from caesura_service.program.program_segment import (
@@ -42,6 +43,7 @@ __all__ = [
     "may_end_movement",
     "may_press_in",
     "missed_finger_motion",
+    "missed_pulls_note",
     "missed_torques_note",
     "observed_share",
     "task_program",

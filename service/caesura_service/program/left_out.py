@@ -30,10 +30,11 @@ from caesura_protocol.programs.checks.fidelity import (
 from caesura_protocol.programs.program_gripper import GRIPS
 from caesura_protocol.rotations import align_signs, angle_between
 from caesura_protocol.up_direction import UP
-from caesura_service.constants import GRAVITY
+from caesura_service.constants import GRAVITY, REST_M_PER_S
 from caesura_service.program.carried_loads import hangs
 from caesura_service.program.program_segment import OBSERVED_S, PUSHES_BACK_N, Moment, MomentAt, length
 
+WIGGLED = 10  # steps between observations, one second
 NAMED = 5  # touches in a note, the strongest ones, and detours, the widest ones
 Array = NDArray[np.float64]
 
@@ -95,6 +96,7 @@ class _Detour(NamedTuple):
     ended: float  # [s]
     off_m: float
     off_rad: float
+    wiggles: bool = False  # so often to and fro that it counts, however small it is
 
     @property
     def size(self) -> float:
@@ -102,6 +104,8 @@ class _Detour(NamedTuple):
 
     @property
     def text(self) -> str:
+        if self.wiggles:
+            return f"{fixed(1000 * self.off_m, 1)} mm to and fro at {interval(self.began, self.ended, 1)} s"
         parts = [f"{fixed(1000 * self.off_m, 1)} mm"] if self.off_m > STRAYED_M else []
         parts += [f"{_degrees(self.off_rad)}°"] if self.off_rad > STRAYED_RAD else []
         return (
@@ -117,11 +121,10 @@ def detours(apps: Sequence[App], times: Array, poses: Array) -> Iterator[str]:
     apps: as they were inferred, in time order; times: (n,) [s] of all observations; poses: (n, 7) of the
     flange, orientations nan where unknown.
     """
-    found = [
-        one
-        for t0, tn, pushes in _parts_without_path(apps, float(times[0]), float(times[-1]))
-        for one in _detours_in(*_between(t0, tn, times, poses), turns_only=pushes)
-    ]
+    found: list[_Detour] = []
+    for t0, tn, pushes in _parts_without_path(apps, float(times[0]), float(times[-1])):
+        part = _between(t0, tn, times, poses)
+        found += [*_detours_in(*part, turns_only=pushes)] or _wiggle_in(*part)
     widest = sorted(found, key=lambda one: one.size)[-NAMED:]
     yield from (one.text for one in found if one in widest)
     if rest := len(found) - len(widest):
@@ -166,6 +169,22 @@ def _detours_in(times: Array, poses: Array, *, turns_only: bool) -> Iterator[_De
     for low, high in edges.tolist():
         off = float(off_m[low:high].max()), float(off_rad[low:high].max())
         yield _Detour(float(times[low]), float(times[high - 1]), *off)
+
+
+def _wiggle_in(times: Array, poses: Array) -> list[_Detour]:
+    """Return the movement to and fro about the straight way, in a list; an empty one without it.
+
+    It is within `STRAYED_M` of the way, and no rest: for `WIGGLED` steps in all it is faster than one.
+    """
+    if len(times) <= WIGGLED:
+        return []
+    off = off_line(poses[:, :3])
+    off_m = float(np.linalg.norm(off, axis=1).max())
+    fast = np.linalg.norm(np.diff(off, axis=0), axis=1) > REST_M_PER_S * np.diff(times)
+    if off_m > STRAYED_M or np.count_nonzero(fast) < WIGGLED:
+        return []
+    seen = times[np.flatnonzero(fast)]
+    return [_Detour(float(seen[0]), float(seen[-1]), off_m, 0.0, wiggles=True)]
 
 
 def off_line(points: Array) -> Array:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App
 from caesura_protocol.number_words import fixed, interval
+from caesura_protocol.screw_torque_and_text import TIGHT
 from caesura_service.program.left_out import off_line
 from caesura_service.program.program_segment import length
 
@@ -45,11 +46,30 @@ def missed_torques_note(
 def _in_presses(apps: Sequence[App], torques_between: Callable[[float, float], Array]) -> Iterator[str]:
     """Yield text on each torque about the force of a press that was held for `HELD_S` in all."""
     for app in apps:
-        if app.kind != "apply_force" or app.path is not None or app.force_taught is None:
+        if app.force_taught is None or not APP_KINDS[app.kind].presses:
             continue
-        torques, newton = torques_between(app.t0, app.tn), length(app.force_taught)
-        if newton > 0.0 and (held_nm := _held(np.abs(torques @ app.force_taught) / newton, app.t0, app.tn)):
-            yield f"a torque of {fixed(held_nm, 1)} Nm about the force at {interval(app.t0, app.tn, 1)} s"
+        newton = length(app.force_taught)
+        for t0, tn in _stands(app) if newton > 0.0 else ():
+            held_nm = _held(np.abs(torques_between(t0, tn) @ app.force_taught) / newton, t0, tn)
+            if held_nm is not None and held_nm > _most_turned_with(app):
+                yield f"a torque of {fixed(held_nm, 1)} Nm about the force at {interval(t0, tn, 1)} s"
+
+
+def _stands(app: App) -> Iterator[tuple[float, float]]:
+    """Yield the times [s] at which a press stands: all of it without a path, or beside its turn.
+
+    Not beside a stroke: there the friction leans the force.
+    """
+    if app.path is None:
+        yield app.t0, app.tn
+    elif app.screw is not None:
+        yield app.t0, app.path.start.t
+        yield app.path.tn, app.tn
+
+
+def _most_turned_with(app: App) -> float:
+    """Return the torque [Nm] at which the turn of an app ends at the latest; 0 if none is known."""
+    return 0.0 if app.screw is None or app.screw.torque is None else TIGHT * length(app.screw.torque)
 
 
 def _in_rests(

@@ -47,6 +47,7 @@ from caesura_service.program import (
     detours,
     left_out_note,
     missed_finger_motion,
+    missed_pulls_note,
     missed_torques_note,
 )
 from caesura_service.segmentation.correction_targets import edit_context
@@ -561,6 +562,8 @@ class SegmentationPipeline:
         if self._in_use.contact_models:
             span = self._history.t(0), self._history.t_last
             if note := missed_torques_note(apps, self._history.torques, *span):
+                yield note
+            if note := missed_pulls_note(apps, self._history.moment, self._program.up):
                 yield note
         if self._moves(len(self._history) - 1):
             yield ENDS_MOVING

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -186,3 +187,29 @@ def test_of_many_detours_the_widest_are_named():
     texts = found(led(*((10.0 * k + 0.05, 10.0 * k + 1.0, 0.001 * (5 + k)) for k in range(1, 8))))
     assert [text.split(" ")[0] for text in texts] == ["8.0", "9.0", "10.0", "11.0", "12.0", "2"]
     assert texts[-1] == "2 lesser detours"
+
+
+def wiggled(rate_hz: float, amplitude_m: float, seconds: float) -> NDArray[np.float64]:
+    """Poses of a hand that moves up and down while it rests."""
+    poses = led()
+    during = (TIMES > 20.05) & (20.0 + seconds > TIMES)
+    poses[:, 2] += amplitude_m * np.sin(2.0 * math.pi * rate_hz * TIMES) * during
+    return poses
+
+
+@pytest.mark.parametrize(("rate_hz", "amplitude_m"), [(3.0, 0.003), (1.5, 0.004)])
+@pytest.mark.parametrize("pressing", [False, True])
+def test_a_wiggle_that_is_no_detour_is_named(rate_hz: float, amplitude_m: float, pressing: bool):
+    """A peg was wiggled in by 3 mm to and fro, and the program pressed it straight in without a word."""
+    press = app("apply_force", 10.0, 40.0, B, force=(0.0, 0.0, -8.0), off_straight_m=amplitude_m)
+    (text,) = found(wiggled(rate_hz, amplitude_m, 2.0), *[press] * pressing)
+    seen = re.fullmatch(r"([0-9.]+) mm to and fro at 20\.[0-9]–2[12]\.[0-9] s", text)
+    assert seen is not None
+    assert float(seen[1]) == pytest.approx(1000 * amplitude_m, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "amplitude_m", "seconds"), [(0.3, 0.003, 8.0), (3.0, 0.0003, 8.0), (3.0, 0.003, 0.7)]
+)
+def test_a_sway_a_tremor_and_a_short_wiggle_are_a_rest(rate_hz: float, amplitude_m: float, seconds: float):
+    assert found(wiggled(rate_hz, amplitude_m, seconds)) == []

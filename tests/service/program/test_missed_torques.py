@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from caesura_protocol.messages import App
+from caesura_protocol.messages import App, ScrewMotion
 from caesura_service.program import missed_torques_note
 from harness.programs import app, path_from
 
@@ -76,3 +76,20 @@ def test_a_torque_in_a_rest_or_a_hold_is_stated_beside_those_of_weights(
     found = missed_torques_note(apps, twisted(t0, 4.5, weights_nm), 0.0, 6.0)
     said = "Taught and exerted by no app, because nothing turned: a torque of 1.5 Nm at 2.0–5.0 s."
     assert found == (said if stated else None)
+
+
+@pytest.mark.parametrize(("turned_nm", "stated"), [(0.9, True), (1.1, False)])
+def test_a_torque_that_was_held_after_a_turn_is_stated_if_no_turn_reaches_it(turned_nm: float, stated: bool):
+    """A screw was turned with 1 Nm and then held with 2.5 Nm: a robot ends its turn at 1.5 Nm."""
+    path = path_from(PLACE, 2.0, 3.0, 0.001)
+    up = (0.0, 0.0, 1.0)
+    screw = ScrewMotion(axis=up, point=PLACE, angle=1.0, pitch_m=0.0, pitch_sd_m=0.0)
+    screw = screw.model_copy(update={"torque": (0.0, 0.0, turned_nm)})
+    turn = PRESS.model_copy(update={"path": path, "screw": screw, "tn": 6.0})
+
+    def along_the_force(begin: float, end: float) -> Array:
+        return twisted(3.5, 5.5)(begin, end)[:, [1, 2, 0]]
+
+    found = missed_torques_note((turn,), along_the_force)
+    said = "a torque of 1.5 Nm about the force at 3.0–6.0 s"
+    assert found == (f"Taught and exerted by no app, because nothing turned: {said}." if stated else None)

@@ -1,0 +1,41 @@
+"""Forces on what is held, other than its weight: a carry exerts none, and its load is an average."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from caesura_protocol.app_kinds import APP_KINDS
+from caesura_protocol.messages import App, Vector
+from caesura_protocol.number_words import fixed, interval
+from caesura_protocol.up_direction import UP
+from caesura_service.constants import GRAVITY
+from caesura_service.program.program_segment import UNLIKE_N, MomentAt, observed
+
+PULLED_LOOKS = 5  # observations in a row, half a second: what is lifted or set down touches for less
+
+
+def missed_pulls_note(apps: Sequence[App], moment_at: MomentAt, up: Vector = UP) -> str | None:
+    """Return a note on the forces of carries that their loads do not explain; None without one.
+
+    up: away from gravity, base frame.
+    """
+    said = "; ".join(_pulls(apps, moment_at, up))
+    return f"Taught and exerted by no app, because it carries: {said}." if said else None
+
+
+def _pulls(apps: Sequence[App], moment_at: MomentAt, up: Vector) -> Iterator[str]:
+    """Yield text on each force that differed from the weight for `PULLED_LOOKS` observations in a row."""
+    for app in apps:
+        if app.load_kg is None or not APP_KINDS[app.kind].carries:
+            continue
+        felt = [force for t in observed(app.t0, app.tn) if (force := moment_at(t).force) is not None]
+        if len(felt) < PULLED_LOOKS:
+            continue
+        apart = np.linalg.norm(np.array(felt) + GRAVITY * app.load_kg * np.array(up), axis=1)
+        held_n = float(sliding_window_view(apart, PULLED_LOOKS).min(axis=1).max())
+        if held_n >= UNLIKE_N:
+            weight = f"the weight of {fixed(app.load_kg, 2)} kg"
+            yield f"a force of {fixed(held_n, 1)} N beside {weight} at {interval(app.t0, app.tn, 1)} s"

@@ -18,10 +18,13 @@ Rules
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from math import inf
+from typing import Generic, TypeVar
 
 from greenlet import GreenletExit, getcurrent, greenlet
+
+T = TypeVar("T")
 
 SLICE_S = 0.005  # a tenth of what a result may take
 IDLE = 4  # stacks that are kept for later work
@@ -56,6 +59,18 @@ def give_way() -> None:
     current = getcurrent()
     if isinstance(current, _Stack) and time.perf_counter() >= current.until:
         current.parent.switch()
+
+
+class GivingWay(Generic[T]):
+    """Items before each of which works give way."""
+
+    def __init__(self, items: Iterable[T]) -> None:
+        self._items = items
+
+    def __iter__(self) -> Iterator[T]:
+        for item in self._items:
+            give_way()
+            yield item
 
 
 def stand_aside() -> None:

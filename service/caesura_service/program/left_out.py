@@ -113,7 +113,7 @@ class _Detour(NamedTuple):
         )
 
 
-def detours(apps: Sequence[App], times: Array, poses: Array) -> Iterator[str]:
+def detours(apps: Iterable[App], times: Array, poses: Array) -> Iterator[str]:
     """Yield text on where the hand left the straight way and came back, while no app has a path.
 
     There the robot stands, goes straight to the next path, or pushes straight to its target.
@@ -132,7 +132,7 @@ def detours(apps: Sequence[App], times: Array, poses: Array) -> Iterator[str]:
 
 
 def _parts_without_path(
-    apps: Sequence[App], began: float, ended: float
+    apps: Iterable[App], began: float, ended: float
 ) -> Iterator[tuple[float, float, bool]]:
     """Yield the times [s] between which no app has a path, and whether an app pushes straight meanwhile."""
     t = began

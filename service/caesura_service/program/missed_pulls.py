@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -17,7 +17,7 @@ from caesura_service.program.program_segment import UNLIKE_N, MomentAt, observed
 PULLED_LOOKS = 5  # observations in a row, half a second: what is lifted or set down touches for less
 
 
-def missed_pulls_note(apps: Sequence[App], moment_at: MomentAt, up: Vector = UP) -> str | None:
+def missed_pulls_note(apps: Iterable[App], moment_at: MomentAt, up: Vector = UP) -> str | None:
     """Return a note on the forces of carries that their loads do not explain; None without one.
 
     up: away from gravity, base frame.
@@ -26,7 +26,7 @@ def missed_pulls_note(apps: Sequence[App], moment_at: MomentAt, up: Vector = UP)
     return f"Taught and exerted by no app, because it carries: {said}." if said else None
 
 
-def _pulls(apps: Sequence[App], moment_at: MomentAt, up: Vector) -> Iterator[str]:
+def _pulls(apps: Iterable[App], moment_at: MomentAt, up: Vector) -> Iterator[str]:
     """Yield text on each force that differed from the weight for `PULLED_LOOKS` observations in a row."""
     for app in apps:
         if app.load_kg is None or not APP_KINDS[app.kind].carries:

@@ -8,7 +8,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -29,7 +29,7 @@ BESIDE_S = 0.4  # before and after a rest, in which the torque is that of weight
 
 
 def missed_torques_note(
-    apps: Sequence[App],
+    apps: Iterable[App],
     torques_between: Callable[[float, float], Array],
     began: float = 0.0,
     ended: float = 0.0,
@@ -43,7 +43,7 @@ def missed_torques_note(
     return f"Taught and exerted by no app, because nothing turned: {said}." if said else None
 
 
-def _in_presses(apps: Sequence[App], torques_between: Callable[[float, float], Array]) -> Iterator[str]:
+def _in_presses(apps: Iterable[App], torques_between: Callable[[float, float], Array]) -> Iterator[str]:
     """Yield text on each torque about the force of a press that was held for `HELD_S` in all."""
     for app in apps:
         if app.force_taught is None or not APP_KINDS[app.kind].presses:
@@ -73,7 +73,7 @@ def _most_turned_with(app: App) -> float:
 
 
 def _in_rests(
-    apps: Sequence[App], torques_between: Callable[[float, float], Array], began: float, ended: float
+    apps: Iterable[App], torques_between: Callable[[float, float], Array], began: float, ended: float
 ) -> Iterator[str]:
     """Yield text on each torque of a rest or a hold that is not between the torques before and after it."""
     for t0, tn in _rests(apps, began, ended):
@@ -89,7 +89,7 @@ def _in_rests(
                 yield f"a torque of {fixed(held_nm, 1)} Nm at {interval(t0, tn, 1)} s"
 
 
-def _rests(apps: Sequence[App], began: float, ended: float) -> Iterator[tuple[float, float]]:
+def _rests(apps: Iterable[App], began: float, ended: float) -> Iterator[tuple[float, float]]:
     """Yield the times [s] of the rests between apps that touch nothing, and of the holds."""
     t, touches = began, False
     for app in apps:

@@ -32,7 +32,7 @@ from caesura_service.coaching import (
     all_hints,
 )
 from caesura_service.constants import TARED_BIAS_N
-from caesura_service.cooperative_scheduler import give_way
+from caesura_service.cooperative_scheduler import GivingWay, give_way
 from caesura_service.phases import PARAMETERS, Chain, PhaseTracker
 from caesura_service.program import (
     BEGINS_MOVING,
@@ -552,18 +552,20 @@ class SegmentationPipeline:
         """Yield notes on what of a finished demonstration is in no app or group; apps: as inferred."""
         if not (self._finished and apps):
             return
+        segments, apps = tuple(GivingWay(segments)), tuple(GivingWay(apps))  # decoded once
+        in_turns = GivingWay(apps)
         if self._moves(1):
             yield BEGINS_MOVING
-        ways = detours(apps, *self._history.all_poses())
+        ways = tuple(detours(in_turns, *self._history.all_poses()))
         excursions = self._conditioner.finger_excursions
         fingers = missed_finger_motion(*self._history.openings(), self._grips, excursions)
         if note := left_out_note(segments, apps, self._history.moment, self._program.up, (*ways, *fingers)):
             yield note
         if self._in_use.contact_models:
             span = self._history.t(0), self._history.t_last
-            if note := missed_torques_note(apps, self._history.torques, *span):
+            if note := missed_torques_note(in_turns, self._history.torques, *span):
                 yield note
-            if note := missed_pulls_note(apps, self._history.moment, self._program.up):
+            if note := missed_pulls_note(in_turns, self._history.moment, self._program.up):
                 yield note
         if self._moves(len(self._history) - 1):
             yield ENDS_MOVING

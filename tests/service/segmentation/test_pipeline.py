@@ -20,8 +20,10 @@ from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_protocol.plausibility import UNITS
 from caesura_protocol.recording import Recording, RecordingError
 from caesura_service.constants import JOINTS, JOINTS_MOST
+from caesura_service.cooperative_scheduler import Slices
 from caesura_service.offline_segmentation import batches, opening_of, segment_recording, views
 from caesura_service.program import BEGINS_MOVING, ENDS_MOVING, Paths, ProgramSegment, task_program
+from caesura_service.segmentation import pipeline as pipeline_module
 from caesura_service.segmentation.pipeline import (
     LOOK_EVERY,
     PROGRAM_EVERY,
@@ -594,3 +596,25 @@ def test_the_wire_and_the_signals_name_the_same_columns():
 def test_a_view_says_in_which_unit_and_frame_its_samples_came(taught: Recording):
     view = segmented(replace(taught, length_unit="mm", force_frame="flange"))
     assert (view.length_unit, view.wrench.frame) == ("mm", "flange")
+
+
+@pytest.mark.parametrize("note", ["detours", "missed_torques_note", "missed_pulls_note"])
+def test_the_notes_on_a_long_program_give_way_at_each_app(monkeypatch, taught, note):
+    """At the end of 15 minutes they took 0.2 s in one slice, in which the worker served no station."""
+    made, inside, slices = make_pipeline(opening_of(taught), "default"), [False], Slices(slice_s=0.0)
+    noted = getattr(pipeline_module, note)
+
+    def watched(*given):
+        inside[0] = True
+        found = noted(*given)
+        found = found if found is None or isinstance(found, str) else list(found)
+        inside[0] = False
+        return found
+
+    monkeypatch.setattr(pipeline_module, note, watched)
+    made.push(taught.matrix())
+    done, interrupted = slices.begin("close", made.finish), 0
+    while not done:
+        interrupted += inside[0]
+        done = slices.go_on("close")
+    assert interrupted >= len(made.view.apps) > 3

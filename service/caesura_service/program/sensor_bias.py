@@ -3,7 +3,7 @@
 Until the tool has left the contact, the bias is the force before it. It changes with time and with the
 position, because a tool's weight is never compensated exactly. So it is linear in both, fitted by ridge
 regression to the last two seconds before a contact and the first two after it. Observations that already push
-back before the contact are left out.
+back before the contact, or before the next one, are left out.
 """
 
 from __future__ import annotations
@@ -52,12 +52,13 @@ def with_bases(kept: Sequence[ProgramSegment], context: Context) -> list[Program
         if not touches or place == 0 or len(based) == len(kept):
             continue
         before, after = kept[place - 1].segment, kept[len(based)].segment
-        changed = np.subtract(_force_at_start(after, context), steps[0].base)
+        left = _force_at_start(after, context)
+        changed = np.subtract(left, steps[0].base)
         if before.contact != after.contact or length(changed) >= MOST_WANDER_N:
             continue
         if context.fingers_move(before.tn, after.t0):
             continue
-        bias = bias_between(before, after, steps[0].base, context.moment_at)
+        bias = bias_between(before, after, steps[0].base, left, context.moment_at)
         for k, step in enumerate(steps, start=place):
             based[k] = replace(step, base=bias(0.5 * (step.segment.t0 + step.segment.tn)))
     return based
@@ -69,17 +70,17 @@ def base_after(before: ProgramSegment, context: Context) -> Vector:
 
 
 def bias_between(
-    before: Segment, after: Segment, base: Vector, moment_at: MomentAt
+    before: Segment, after: Segment, base: Vector, left: Vector, moment_at: MomentAt
 ) -> Callable[[float], Vector]:
     """Return a function of the time [s] for the bias [N] between two segments in the air.
 
-    base: the force [N] before the contact.
+    base, left: the force [N] before the contact, and after it.
     """
     origin = moment_at(observed(before.t0, before.tn)[-1])
     approach = observed(max(before.t0, before.tn - AROUND_S), before.tn - TOUCHING_S)
     times = [
         *_in_air(approach, base, moment_at),
-        *observed(after.t0 + LETTING_GO_S, min(after.t0 + AROUND_S, after.tn)),
+        *_in_air(observed(after.t0 + LETTING_GO_S, min(after.t0 + AROUND_S, after.tn)), left, moment_at),
     ]
     seen = [(t, moment_at(t)) for t in times if before.t0 < t < before.tn or after.t0 < t < after.tn]
     known = [

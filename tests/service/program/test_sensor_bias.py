@@ -39,6 +39,22 @@ def test_what_is_touched_at_the_end_of_an_approach_is_no_bias() -> None:
     assert apps[1].force_taught == pytest.approx((0.0, 0.0, -8.0), abs=0.3)
 
 
+def test_a_knock_at_the_end_of_what_follows_a_contact_is_no_bias() -> None:
+    """Each of some knocks in a row became the bias of the one before, so that its approach was no path."""
+
+    def knocked(t: float) -> Moment:
+        return drifted(t, pushed_n=30.0 if 3.1 <= t < 3.5 else 8.0 if 2.0 <= t < 2.5 else 0.0)
+
+    apps = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 2.5, **held(8.0)),
+        segment("motion", 2.5, 3.2),
+        segment("contact", 3.2, 3.5, **held(30.0)),
+        at=knocked,
+    )
+    assert apps[1].force_taught == pytest.approx((0.0, 0.0, -8.0), abs=0.3)
+
+
 def test_the_bias_of_a_sensor_is_read_on_both_sides_of_a_contact() -> None:
     """It wandered by 3 N over a stroke, whose force was said to be 1.5 N too large."""
 

@@ -270,7 +270,8 @@ def title(seeds: Sequence[int], robot: str = "panda", speed: RunSpeed = "taught"
     """Return the title: what was measured, and within which limits."""
     return (
         f"round trip on {robot}, speed {speed}: people {seeds[0]} to {seeds[-1]}; "
-        f"the same apps, targets within {1000 * TARGET_M:.0f} mm, forces within {100 * FORCE_SHARE:.0f} %, "
+        "the same apps, or one movement divided otherwise, "
+        f"targets within {1000 * TARGET_M:.0f} mm, forces within {100 * FORCE_SHARE:.0f} %, "
         f"paths within {1000 * PATH_M:.0f} mm and {math.degrees(PATH_RAD):.0f}°"
     )
 

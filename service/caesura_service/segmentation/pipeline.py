@@ -126,8 +126,10 @@ def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None
 def _pose(observation: Observation, upright: NDArray[np.float64] | None) -> ObservedPose:
     """Return an observation in the form that coaching uses; upright: as in `ObservationStore`."""
     vectors = observation.position_base, observation.velocity_base, observation.force_base
+    between = observation.between
     if upright is not None:
         vectors = upright.dot(vectors[0]), upright.dot(vectors[1]), upright.dot(vectors[2])
+        between = None if between is None else np.hstack([between[:, :3] @ upright.T, between[:, 3:]])
     (x, y, z), (vx, vy, vz), (fx, fy, fz) = (vector.tolist() for vector in vectors)
     return ObservedPose(
         observation.t,
@@ -140,7 +142,7 @@ def _pose(observation: Observation, upright: NDArray[np.float64] | None) -> Obse
         observation.measured_n,
         None if observation.orientation is None else observation.orientation.tolist(),
         None if observation.turning is None else observation.turning.tolist(),
-        observation.between,
+        between,
     )
 
 

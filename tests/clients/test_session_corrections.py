@@ -294,7 +294,7 @@ def test_the_command_line_states_what_an_edit_did_and_what_one_would_do(endpoint
     assert caesura.snapshot("cell-17", session).status.revision == 2, "nothing is changed"
     assert typed(endpoint, "cell-17", session, "undo").exit_code == 0
     undone = typed(endpoint, "cell-17", session, "undo")
-    assert undone.stdout.startswith("took back: Ann removed the changepoint at 4.30 s; ")
+    assert undone.stdout.startswith(f"took back: Ann removed the changepoint at {removed:.2f} s; ")
     refused = typed(endpoint, "cell-17", session, "remove", "99", "--preview")
     assert refused.exit_code == 1
     assert refused.stderr.startswith("error: time 99 s is outside the session (")

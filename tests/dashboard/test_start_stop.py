@@ -277,6 +277,7 @@ def test_two_sessions_stand_side_by_side_with_one_axis_of_time(stage: Stage, vis
     named = page.locator("section", has_text="W" * 120).locator(".state-line")
     expect(named, "two may have the same task").to_contain_text("session one · closed")
     programs = page.locator("section", has=page.get_by_role("heading", name="Programs"))
+    expect(programs.locator("tbody tr")).not_to_have_count(0)
     count = programs.locator("tbody tr").count()
     expect(programs, "the same demonstration, slower").to_contain_text(
         f"The first has {count} apps, the second {count}. {count} correspond, of which"

@@ -53,7 +53,11 @@ def test_what_was_taken_up_from_its_outcome_is_rebuilt_before_it_is_corrected():
     assert refused(answer(registry.handle_command(STATION, edit(1, Undo()), 4.0))).code == "overloaded"
     assert stepped(registry) == []
     said = registry.handle_command(STATION, edit(1, Undo()), 4.0)
-    assert acknowledged(said) == Ack(session=NAME, next_seq=COUNT, state="closed", revision=2)
+    undone = acknowledged(said)
+    assert undone.correction is not None
+    assert undone.correction.number == 1
+    plain = undone.model_copy(update={"correction": None})
+    assert plain == Ack(session=NAME, next_seq=COUNT, state="closed", revision=2)
     (standing, _) = registry.index.all_states()
     assert T not in [one.t for one in standing.view.changepoints]
     assert [one.seq for one in published(said, Changepoints)] == [before.last_seq["changepoints"] + 1]

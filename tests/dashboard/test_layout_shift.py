@@ -47,6 +47,7 @@ WATCH = """() => {
   }).observe({ type: "layout-shift" });
 }"""
 LOADED_BEFORE = "() => { window.loadedBefore = document.querySelector('.plots').plots.state.data; }"
+IS_OPEN = "() => !document.querySelector('.plots').plots.state.closed"
 IS_DRAWN = f"""() => {{
   const plots = document.querySelector(".plots"), {{ state }} = plots.plots;
   return state.closed ? ({SETTLED})(plots) : state.data !== window.loadedBefore;
@@ -92,6 +93,9 @@ class Day:
         self.step(name)
         self.desk.locator(".task").press("Enter")
         expect(self.desk).to_contain_text("Teaching")
+        self.page.wait_for_function(
+            IS_OPEN, polling=LOOK_MS
+        )  # until then the plots are of the session before
         expect(self.page.locator(".app").first).to_be_visible()
         self.done(name)
 

@@ -66,7 +66,7 @@ export default {
     leaveBand() { // no room beside the segment: the band shows it, and the menu is above or below that
       const frame = this.$el.parentElement.getBoundingClientRect().top;
       const header = Math.max(0, document.querySelector("header")?.getBoundingClientRect().bottom ?? 0); // it takes every tap
-      const low = Math.max(frame + BAND, header + MARGIN), below = window.innerHeight - MARGIN - low, above = frame - header - 2 * MARGIN;
+      const low = Math.ceil(Math.max(frame + BAND, header + MARGIN)), below = window.innerHeight - MARGIN - low, above = frame - header - 2 * MARGIN;
       this.most = `${Math.max(below, above)}px`;
       if (below >= above) this.raised = this.y - (low - frame);
       else this.bottom = `calc(100% + ${MARGIN}px)`;

@@ -93,9 +93,7 @@ class Day:
         self.step(name)
         self.desk.locator(".task").press("Enter")
         expect(self.desk).to_contain_text("Teaching")
-        self.page.wait_for_function(
-            IS_OPEN, polling=LOOK_MS
-        )  # until then the plots are of the session before
+        self.page.wait_for_function(IS_OPEN, polling=LOOK_MS)  # the plots are of the one before, until then
         expect(self.page.locator(".app").first).to_be_visible()
         self.done(name)
 

@@ -126,6 +126,16 @@ class Day:
         self.done("name")
 
 
+def day_at(stage: Stage, visitor: Visitor, size: ViewportSize, name: str = "") -> Day:
+    """The page of cell-1, whose bridge is ready, as an operator of this name opens it."""
+    visitor.begin_again(size)
+    if name:
+        visitor.is_called(name, stage.dashboard.url)
+    visitor.page.goto(f"{stage.dashboard.url}/station/cell-1")
+    expect(visitor.page.locator(".desk")).to_contain_text("Ready")
+    return Day(visitor.page)
+
+
 def taught_page(stage: Stage, visitor: Visitor, station: str, session: str, size: ViewportSize) -> Page:
     """The page of a demonstration that is over, as Ann opens it."""
     stage.teach(station, guided(), session=session, pace="fast")
@@ -141,12 +151,8 @@ def test_no_step_of_a_session_moves_the_plots(
     stage: Stage, bridge: StandbyBridge, opened: Visitor, size: ViewportSize
 ):
     """The end of a demonstration moved them by 99 px at a desk, 144 on a tablet and 255 on a phone."""
-    opened.begin_again(size)
-    opened.is_called("Ann", stage.dashboard.url)
-    page = opened.page
-    page.goto(f"{stage.dashboard.url}/station/cell-1")
-    expect(page.locator(".desk")).to_contain_text("Ready")
-    day = Day(page)
+    day = day_at(stage, opened, size, name="Ann")
+    page = day.page
     day.start("start")
     page.evaluate(WATCH)
     day.correct()
@@ -167,11 +173,8 @@ def test_a_start_on_a_page_of_an_ended_session_moves_no_plots(
     stage: Stage, bridge: StandbyBridge, opened: Visitor, size: ViewportSize
 ):
     """The description opened at Start, and the plots moved by 66 px at a desk."""
-    opened.begin_again(size)
-    page = opened.page
-    page.goto(f"{stage.dashboard.url}/station/cell-1")
-    expect(page.locator(".desk")).to_contain_text("Ready")
-    day = Day(page)
+    day = day_at(stage, opened, size)
+    page = day.page
     day.start("first")
     day.stop("first stop")
     page.reload()
@@ -201,11 +204,8 @@ def test_samples_that_stop_move_no_plot(
     stage: Stage, bridge: StandbyBridge, opened: Visitor, size: ViewportSize
 ):
     """The line on the session then has their age too, which on a busy machine comes and goes."""
-    opened.begin_again(size)
-    page = opened.page
-    page.goto(f"{stage.dashboard.url}/station/cell-1")
-    expect(page.locator(".desk")).to_contain_text("Ready")
-    day = Day(page)
+    day = day_at(stage, opened, size)
+    page = day.page
     day.start("start")
     bridge.freeze()
     try:
@@ -239,11 +239,8 @@ def test_a_phone_shows_the_state_and_the_first_plot_in_the_first_screen(
 def test_a_phone_has_start_and_stop_and_the_first_plot_in_the_first_screen(
     stage: Stage, bridge: StandbyBridge, opened: Visitor
 ):
-    opened.begin_again(PHONE)
-    page = opened.page
-    page.goto(f"{stage.dashboard.url}/station/cell-1")
-    expect(page.locator(".desk")).to_contain_text("Ready")
-    day = Day(page)
+    day = day_at(stage, opened, PHONE)
+    page = day.page
     day.start("start")
     parts = (".desk-state", ".start", ".stop", ".description summary", ".band", ".panel .u-over")
     for part in parts:

@@ -186,35 +186,21 @@ class Stage(Bridges):
         self.dashboard = dashboard
 
 
-class StandbyBridge:
+class StandbyBridge(Process):
     """`caesura bridge --standby` of cell-1, in a process of its own."""
 
     def __init__(self, stage: Stage) -> None:
         file = stage.folder / "taught.npz"
         patient().save(file)
-        self._command = [
+        super().__init__([
             *CAESURA, "bridge", "--standby", "--connect", stage.service.endpoint, "--station", "cell-1",
             "--source", "file", "--file", str(file), "--pace", "4",
-        ]  # fmt: skip
-        self._process: subprocess.Popen[str] | Forked | None = None
+        ])  # fmt: skip
 
     def start(self) -> None:
+        """The page states when it is ready."""
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment()}
-        self._process = start(self._command, **quiet)
-
-    def freeze(self) -> None:
-        """It hangs."""
-        assert self._process is not None
-        self._process.send_signal(signal.SIGSTOP)
-
-    def thaw(self) -> None:
-        assert self._process is not None
-        self._process.send_signal(signal.SIGCONT)
-
-    def kill(self) -> None:
-        if self._process is not None:
-            self._process.kill()
-            self._process.wait(DEADLINE_S)
+        self._process = start(self.command, **quiet)
 
 
 @contextmanager

@@ -62,8 +62,8 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "acknowledged before written",
         f"{SESSIONS}/session.py",
-        "        self._journal.commit()\n        moved = {",
-        "        moved = {",
+        "        self._journal.commit()\n        return Reply(self._acknowledgement(",
+        "        return Reply(self._acknowledgement(",
         ("tests/service/journal/test_sqlite_journal.py::test_an_acknowledgement_is_given_for_what_is_safe",),
     ),
     Mutation(

@@ -548,10 +548,15 @@ class Session:
         program_edit: what an undo or a redo has undone or restored.
         """
         self._journal.commit()
-        moved = {"correction": correction, "program_edit": program_edit}
-        return Reply(self._acknowledgement(effect, revision).model_copy(update=moved))
+        return Reply(self._acknowledgement(effect, revision, correction, program_edit))
 
-    def _acknowledgement(self, effect: EditEffect | None, revision: int | None = None) -> Ack:
+    def _acknowledgement(
+        self,
+        effect: EditEffect | None,
+        revision: int | None = None,
+        correction: Correction | None = None,
+        program_edit: ProgramEdit | None = None,
+    ) -> Ack:
         state = self.state.lifecycle
         return Ack(
             session=self._opening.session,
@@ -561,4 +566,6 @@ class Session:
             effect=effect,
             lost=self.state.counters.lost,
             up=self._opening.up,
+            correction=correction,
+            program_edit=program_edit,
         )

@@ -29,6 +29,7 @@ from dashboard.operator import Operator
 from dashboard.stage import REST_S, Stage, StandbyBridge, patient
 from dashboard.test_whole_day import shown_range
 from harness.demonstrations import guided
+from harness.processes import running
 
 pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
@@ -59,12 +60,8 @@ PLACES = """() => Object.fromEntries([".desk", ".description", ".signals", ".plo
 
 @pytest.fixture
 def bridge(stage: Stage) -> Iterator[StandbyBridge]:
-    bridge = StandbyBridge(stage)
-    try:
-        bridge.start()
+    with running(StandbyBridge(stage)) as bridge:
         yield bridge
-    finally:
-        bridge.kill()
 
 
 class Day:
@@ -217,14 +214,13 @@ def test_samples_that_stop_move_no_plot(
     assert opened.errors == []
 
 
-@pytest.mark.parametrize("path", ["/station/cell-5", "/sessions/cell-5/phone"])
+@pytest.mark.parametrize("path", ["/station/cell-5", "/sessions/cell-5/stored"])
 def test_a_phone_shows_the_state_and_the_first_plot_in_the_first_screen(
     stage: Stage, opened: Visitor, path: str
 ):
     """The plots of a station began below the window: a form of 312 px stood above them."""
-    if path.startswith("/station"):
-        stage.teach("cell-5", guided(), session="phone", pace="fast")
-        stage.wait("cell-5")
+    stage.teach("cell-5", guided(), session=path.rsplit("/", 1)[1], pace="fast")
+    stage.wait("cell-5")
     opened.begin_again(PHONE)
     page = opened.page
     page.goto(f"{stage.dashboard.url}{path}")

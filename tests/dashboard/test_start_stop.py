@@ -21,7 +21,7 @@ from caesura_protocol.messages import Description, Program
 from dashboard.browser import DESK, LOOK_MS, PATIENCE_MS, PHONE, SETTLED, Visitor, looks_right, needs_chromium
 from dashboard.stage import Stage, StandbyBridge, patient
 from harness.demonstrations import guided
-from harness.processes import eventually
+from harness.processes import eventually, running
 
 pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
@@ -29,12 +29,8 @@ expect.set_options(timeout=PATIENCE_MS)
 
 @pytest.fixture
 def bridge(stage: Stage) -> Iterator[StandbyBridge]:
-    bridge = StandbyBridge(stage)
-    try:
-        bridge.start()
+    with running(StandbyBridge(stage)) as bridge:
         yield bridge
-    finally:
-        bridge.kill()
 
 
 @pytest.fixture

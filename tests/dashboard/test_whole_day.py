@@ -33,7 +33,7 @@ from dashboard.browser import (
 from dashboard.operator import Operator
 from dashboard.stage import Stage, StandbyBridge, patient
 from dashboard.test_start_stop import described
-from harness.processes import eventually
+from harness.processes import eventually, running
 
 pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
@@ -64,12 +64,8 @@ DRAWN = """([name, from, to]) => {
 
 @pytest.fixture
 def bridge(stage: Stage) -> Iterator[StandbyBridge]:
-    bridge = StandbyBridge(stage)
-    try:
-        bridge.start()
+    with running(StandbyBridge(stage)) as bridge:
         yield bridge
-    finally:
-        bridge.kill()
 
 
 @pytest.fixture

@@ -234,16 +234,22 @@ def read(payload: bytes, model: type[Message]) -> bool:
     return refusal_of(payload, model) is not None
 
 
-def cost_of(payload: bytes, model: type[Message], tries: int = 5) -> Cost:
-    """The least of some tries, for others use the processor too; memory is counted in one more.
-
-    Without tries it is the time of the latter, which is longer.
-    """
-    seconds = []
+def seconds_of(payload: bytes, model: type[Message], tries: int) -> float:
+    """The least time of some tries to read it, for others use the processor too; inf without tries."""
+    seconds = [math.inf]
     for _ in range(tries):
         began = time.perf_counter()
         read(payload, model)
         seconds.append(time.perf_counter() - began)
+    return min(seconds)
+
+
+def cost_of(payload: bytes, model: type[Message], tries: int = 5) -> Cost:
+    """The least time of some tries; memory is counted in one more.
+
+    Without tries it is the time of the latter, which is longer.
+    """
+    seconds = seconds_of(payload, model, tries)
     tracemalloc.start()
     try:
         began = time.perf_counter()
@@ -252,4 +258,4 @@ def cost_of(payload: bytes, model: type[Message], tries: int = 5) -> Cost:
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    return Cost(min(seconds, default=counted), peak, refused)
+    return Cost(seconds if tries else counted, peak, refused)

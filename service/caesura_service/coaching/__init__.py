@@ -6,7 +6,8 @@ table of rules. `hint_log` raises and clears hints by them. All of it is pure an
 
 from caesura_service.coaching.boundaries import BoundaryCoach
 from caesura_service.coaching.hint_log import HintLog, all_hints
-from caesura_service.coaching.measures import ArmLimits, CoachingSetup, ObservedPose
+from caesura_service.coaching.measures import ArmLimits, CoachingSetup
+from caesura_service.coaching.observed_pose import ObservedPose
 from caesura_service.coaching.signal_coach import SignalCoach
 
 __all__ = [

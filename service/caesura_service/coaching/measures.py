@@ -20,9 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from itertools import pairwise
-from operator import mul
 from statistics import fmean, pstdev
 from typing import NamedTuple
 
@@ -31,6 +29,8 @@ from numpy.typing import NDArray
 
 from caesura_protocol.reproduced_path import TOLERANCE_RAD
 from caesura_service.coaching.bias_drift_tracker import DriftState, DriftTracker, Vector
+from caesura_service.coaching.observed_pose import ObservedPose
+from caesura_service.coaching.path_errors import POSES, off_cubic, path_error, turn_error
 from caesura_service.coaching.unchanged_force import UnchangedForce, advanced, begun
 from caesura_service.constants import FREE_M_PER_S, TARED_BIAS_N
 
@@ -41,9 +41,7 @@ DRIFT_TIME_S = 10.0  # in which a bias wanders by its scale
 FORCE_IN_MOTION_N = 1.0  # by which a force in movement varies, at most
 REFERENCE, PUSH_LIMIT = 1.0, 2.0  # of the cumulative sum of a hand's push [standard deviations]
 ZERO_COUNT = 5  # observations of free movement that show the zero of a force without a tare: 0.4 s, as a tare
-POSES = 4  # the cubic through them is compared with the movement between the middle two
 SHAKES = 3  # steps between poses in a row, all of which miss a part of a path that is shaken
-TURNS_BACK = 0.1  # of the way between two poses, that a movement goes back before or after them
 NOTHING: Vector = (0.0, 0.0, 0.0)
 AHEAD_S = 0.5  # in which a joint reaches the limit that is hinted at
 ARM_EVERY = 3  # observations from one look at the Jacobian to the next
@@ -103,22 +101,6 @@ def _seconds_at_speed(speeds: Array, slowing: Array) -> Array:
     moves_for = np.minimum(stops_in, AHEAD_S)
     lost = np.divide(moves_for, stops_in, out=np.zeros_like(size), where=stops_in > 0.0)
     return moves_for * (1.0 - 0.5 * lost)
-
-
-class ObservedPose(NamedTuple):
-    """An observation in the form that coaching uses. Vectors are in the base frame."""
-
-    t: float  # [s]
-    position: Vector  # [m] of the flange
-    velocity: Vector  # [m/s] likewise
-    force: Vector  # [N] of the environment on the robot, tared
-    holding: float  # 1 the fingers hold something, 0 they do not, nan unknown
-    joints: Array | None = None  # (n,) [rad]
-    after_gap: bool = False  # samples are missing before it
-    measured_n: float | None = None  # [N] length of the force as it came; None without a wrench
-    orientation: Sequence[float] | None = None  # (4,) quaternion of the flange
-    turning: Sequence[float] | None = None  # (4,) [1/s] how fast it changes
-    between: Array | None = None  # (n, 3 or 7) poses since the one before, evenly spread
 
 
 class ArmMeasures(NamedTuple):
@@ -341,103 +323,3 @@ def _driving_and_stray(force: Vector, heading: Vector, holding: float) -> tuple[
     across = math.sqrt(max(x * x + y * y + z * z - along * along, 0.0))
     weight = -z if holding == 0.0 and along < across else 0.0
     return driving, max(-along - across, weight, 0.0)
-
-
-def path_error(poses: tuple[ObservedPose, ...]) -> float:
-    """Return the greatest distance [m] of the path from the cubic through four poses; 0 for fewer poses."""
-    if len(poses) < POSES:
-        return 0.0
-    _, before, after, _ = poses
-    return _missed([one.position for one in poses], (before.velocity, after.velocity), after.t - before.t)
-
-
-def turn_error(poses: tuple[ObservedPose, ...]) -> float:
-    """Return the greatest angle [rad] of the turn from the cubic through four poses.
-
-    0 for fewer poses, or without orientations. A unit quaternion changes by half the angle.
-    """
-    known = [(one.orientation, one.turning) for one in poses if one.orientation and one.turning]
-    if len(known) < POSES:
-        return 0.0
-    turns, rates = [known[0][0]], [known[0][1]]
-    for turn, rate in known[1:]:
-        sign = math.copysign(1.0, _dot(turn, turns[-1]))  # q and -q are the same orientation
-        turns.append([sign * one for one in turn])
-        rates.append([sign * one for one in rate])
-    return 2.0 * _missed(turns, (rates[1], rates[2]), poses[2].t - poses[1].t)
-
-
-def off_cubic(poses: tuple[ObservedPose, ...]) -> tuple[float, float]:
-    """Return how far the flange was from the cubic through four poses between the middle two, [m] and [rad].
-
-    0 for fewer poses. Shaking passes through ten poses a second with nearly any velocity, so it is seen
-    between them.
-    """
-    between = poses[-2].between if len(poses) == POSES else None
-    if between is None:
-        return 0.0, 0.0
-    metres = _off_cubic(np.array([one.position for one in poses]), between[:, :3])
-    turns = [one.orientation for one in poses if one.orientation]
-    if len(turns) < POSES or between.shape[1] < 7:
-        return metres, 0.0
-    both = np.vstack([turns, between[:, 3:]])
-    both *= np.where(both @ both[0] < 0.0, -1.0, 1.0)[:, None]  # q and -q are the same orientation
-    return metres, 2.0 * _off_cubic(both[:POSES], both[POSES:])
-
-
-def _off_cubic(places: Array, seen: Array) -> float:
-    """Return how far seen places (n, c) are from the cubic through four places (4, c).
-
-    As long as they lie between the middle two, the difference along the chord is one of time.
-    """
-    off = seen - _weights(len(seen)) @ places
-    chord = places[2] - places[1]
-    if way2 := float(chord @ chord):
-        shares = (seen - places[1]) @ chord / way2
-        if shares.min() >= -TURNS_BACK and shares.max() <= 1.0 + TURNS_BACK:
-            off -= (off @ chord / way2)[:, None] * chord
-    return math.sqrt(float(np.square(off).sum(axis=1).max()))
-
-
-@cache
-def _weights(count: int) -> Array:
-    """Return the weights (count, 4) of four places in their cubic, evenly between the middle two."""
-    s = np.linspace(0.0, 1.0, count + 2)[1:-1]
-    before, after, left = 1.0 - s, 1.0 + s, 2.0 - s
-    return np.column_stack(
-        [-s * before * left / 6, after * before * left / 2, after * s * left / 2, -after * s * before / 6]
-    )
-
-
-def _missed(
-    places: Sequence[Sequence[float]], velocities: tuple[Sequence[float], Sequence[float]], step: float
-) -> float:
-    """Return how far the cubic through four places (c,) is from the path between the middle two, at most.
-
-    velocities: (c,) at the middle two, in 1/s of the places' unit; step: [s] between two places. The movement
-    between them is the cubic with their velocities, whose error midway is nine times smaller. The slopes of
-    the two curves differ by e and f there [a step]. So the curves are s (1 − s) ((1 − s) e − s f) apart. The
-    farthest of three places is within 3 % of the farthest of all. Of a movement that goes on along the chord
-    the difference along it is one of time, and no part of the path: a sudden stop misses nothing.
-    """
-    first, before, after, last = places
-    chord = _less(after, before, 1.0)
-    rates = [[step * v for v in velocity] for velocity in velocities]
-    e = [v - (6 * c - 3 * b - 2 * a - d) / 6 for a, b, c, d, v in zip(*places, rates[0], strict=True)]
-    f = [w - (a - 6 * b + 3 * c + 2 * d) / 6 for a, b, c, d, w in zip(*places, rates[1], strict=True)]
-    way2, beside = _dot(chord, chord), (_less(before, first, 1.0), _less(last, after, 1.0), *rates)
-    if way2 > 0.0 and min(_dot(one, chord) for one in beside) >= -TURNS_BACK * way2:
-        e, f = (_less(one, chord, _dot(one, chord) / way2) for one in (e, f))
-    return max(
-        s * (1.0 - s) * math.hypot(*((1.0 - s) * g - s * h for g, h in zip(e, f, strict=True)))
-        for s in (0.25, 0.5, 0.75)
-    )
-
-
-def _dot(a: Sequence[float], b: Sequence[float]) -> float:
-    product: float = sum(map(mul, a, b))
-    return product
-
-
-def _less(a: Sequence[float], b: Sequence[float], times: float) -> list[float]:
-    return [x - times * y for x, y in zip(a, b, strict=True)]

@@ -6,7 +6,8 @@ from functools import partial
 
 from caesura_protocol.messages import Hint
 from caesura_service.coaching.hint_log import HintLog
-from caesura_service.coaching.measures import CoachingSetup, Meter, MotionState, ObservedPose
+from caesura_service.coaching.measures import CoachingSetup, Meter, MotionState
+from caesura_service.coaching.observed_pose import ObservedPose
 from caesura_service.coaching.rules import RULES
 
 SHOWN_S = 10.0  # so long a part that is to be shown again is hinted at

@@ -13,7 +13,7 @@ from caesura_protocol.messages import Hint
 from caesura_service.coaching import ArmLimits, CoachingSetup, ObservedPose, SignalCoach
 from caesura_service.coaching.bias_drift_tracker import DriftState, DriftTracker
 from caesura_service.coaching.hint_log import CLEARED_KEPT, HintLog
-from caesura_service.coaching.measures import off_cubic, path_error, turn_error
+from caesura_service.coaching.path_errors import off_cubic, path_error, turn_error
 from caesura_service.constants import TARED_BIAS_N
 from caesura_service.robot import load_panda
 

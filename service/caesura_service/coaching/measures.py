@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from caesura_protocol.reproduced_path import TOLERANCE_RAD
 from caesura_service.coaching.bias_drift_tracker import DriftState, DriftTracker, Vector
 from caesura_service.coaching.observed_pose import ObservedPose
-from caesura_service.coaching.path_errors import POSES, off_cubic, path_error, turn_error
+from caesura_service.coaching.path_errors import POSES, path_errors
 from caesura_service.coaching.unchanged_force import UnchangedForce, advanced, begun
 from caesura_service.constants import FREE_M_PER_S, TARED_BIAS_N
 
@@ -173,12 +173,14 @@ class Meter:
             return state, Measures(arm=arm)
         unchanged, frozen_s = advanced(state.unchanged, pose.measured_n, pose.t, pose.position)
         poses = (*state.poses[1 - POSES :], pose)
-        shaken = (*state.shaken[1 - SHAKES :], off_cubic(poses))
+        setup = self._setup
+        missed = path_errors(poses, setup.path_tolerance_m, setup.path_tolerance_rad)
+        shaken = (*state.shaken[1 - SHAKES :], (missed.shaken_m, missed.shaken_rad))
         state = state._replace(poses=poses, shaken=shaken, unchanged=unchanged, arm=arm, arm_age=arm_age)
         shaken_m, shaken_rad = map(min, zip(*shaken, strict=True)) if len(shaken) == SHAKES else (0.0, 0.0)
         measured = Measures(
-            path_error_m=max(path_error(poses), shaken_m),
-            turn_error_rad=max(turn_error(poses), shaken_rad),
+            path_error_m=max(missed.path_m, shaken_m),
+            turn_error_rad=max(missed.turn_rad, shaken_rad),
             arm=arm,
         )
         if unchanged is not None:

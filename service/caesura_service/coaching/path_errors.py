@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from functools import cache
 from operator import mul
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,60 @@ Array = NDArray[np.float64]
 
 POSES = 4  # the cubic through them is compared with the movement between the middle two
 TURNS_BACK = 0.1  # of the way between two poses, that a movement goes back before or after them
+
+
+class PathErrors(NamedTuple):
+    """The greatest errors of four poses against the motion between the middle two."""
+
+    path_m: float = 0.0  # of the cubic with their velocities
+    turn_rad: float = 0.0  # likewise, of the turn
+    shaken_m: float = 0.0  # of the samples between them
+    shaken_rad: float = 0.0  # likewise, of the turn
+
+
+NO_ERRORS = PathErrors()
+
+
+def path_errors(poses: tuple[ObservedPose, ...], tolerance_m: float, tolerance_rad: float) -> PathErrors:
+    """Return what four poses miss; 0 for fewer, or if a bound shows that no error reaches its tolerance."""
+    if len(poses) < POSES or _are_within(poses, tolerance_m, tolerance_rad):
+        return NO_ERRORS
+    return PathErrors(path_error(poses), turn_error(poses), *off_cubic(poses))
+
+
+def _are_within(poses: tuple[ObservedPose, ...], tolerance_m: float, tolerance_rad: float) -> bool:
+    """Return whether a bound on every error of four poses is below its tolerance.
+
+    The bound takes differences of time for errors, and the greatest value of each component for one point.
+    """
+    _, before, after, _ = poses
+    places = [(*one.position, *(one.orientation or ())) for one in poses]
+    rates = [(*one.velocity, *(one.turning or ())) for one in (before, after)]
+    between, width = after.between, len(places[0])
+    widths = {*map(len, places), *map(len, rates), width if between is None else between.shape[1]}
+    if widths != {width}:
+        return False
+    rows = np.array(places)
+    if between is not None:
+        rows = np.concatenate((rows, between))
+    if width > 3 and (rows[:, 3:] @ rows[1, 3:]).min() < 0.0:  # q and -q are the same orientation
+        return False
+    off = _bounds(len(rows) - POSES) @ rows
+    off[:2] -= 0.25 * (after.t - before.t) * np.array(rates)
+    most2: list[float] = (off * off).max(axis=0).tolist()
+    return sum(most2[:3]) < tolerance_m * tolerance_m and 4.0 * sum(most2[3:]) < tolerance_rad * tolerance_rad
+
+
+@cache
+def _bounds(count: int) -> Array:
+    """Return (2 + count, 4 + count): what to take of four places, and of places seen between the middle two.
+
+    First a quarter of the slopes of their cubic at the middle two: s (1 − s) ((1 − s) e − s f) is at most a
+    quarter of the greater of e and f. Then how far each place that is seen is off the cubic.
+    """
+    slopes = np.array([[-2.0, -3.0, 6.0, -1.0], [1.0, -6.0, 3.0, 2.0]]) / 6.0
+    below = np.hstack([-_weights(count), np.eye(count)])
+    return np.vstack([np.hstack([0.25 * slopes, np.zeros((2, count))]), below])
 
 
 def path_error(poses: tuple[ObservedPose, ...]) -> float:

@@ -13,7 +13,7 @@ from caesura_protocol.messages import Hint
 from caesura_service.coaching import ArmLimits, CoachingSetup, ObservedPose, SignalCoach
 from caesura_service.coaching.bias_drift_tracker import DriftState, DriftTracker
 from caesura_service.coaching.hint_log import CLEARED_KEPT, HintLog
-from caesura_service.coaching.path_errors import off_cubic, path_error, turn_error
+from caesura_service.coaching.path_errors import PathErrors, off_cubic, path_error, path_errors, turn_error
 from caesura_service.constants import TARED_BIAS_N
 from caesura_service.robot import load_panda
 
@@ -486,3 +486,34 @@ def test_what_lies_on_the_cubic_is_not_off_it_whatever_the_sign_of_a_quaternion_
         0.02, rel=0.02
     )
     assert off_cubic((first, before, after)) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("parts", ["turns and between", "turns", "between", "neither"])
+@pytest.mark.parametrize("size", [0.3, 3.0, 30.0])
+def test_errors_are_left_out_only_where_all_of_them_are_within_their_tolerances(parts: str, size: float):
+    """The bound that spares them is compared with the errors, of poses at random about a tolerance."""
+    rng, tolerance_m, tolerance_rad = np.random.default_rng(0), 0.002, math.radians(1.0)
+    scales = size * np.array([tolerance_m] * 3 + [0.5 * tolerance_rad] * 4)
+    width, count = (7 if "turns" in parts else 3), 9 if "between" in parts else 0
+    spared = 0
+    for _ in range(200):
+        middle = np.array([0.4, 0.0, 0.3, *rng.standard_normal(4)])
+        rows = middle + 0.1 * scales * rng.standard_normal((4 + count, 7))
+        rates = scales * rng.standard_normal((4, 7))
+        poses = tuple(
+            ObservedPose(STEP_S * k, row[:3], rate[:3], STILL, 0.0)._replace(
+                orientation=row[3:width] or None, turning=rate[3:width] or None
+            )
+            for k, (row, rate) in enumerate(zip(rows[:4].tolist(), rates.tolist(), strict=True))
+        )
+        between = rows[4:, :width] if count else None
+        poses = (*poses[:2], poses[2]._replace(between=between), poses[3])
+        errors = PathErrors(path_error(poses), turn_error(poses), *off_cubic(poses))
+        found = path_errors(poses, tolerance_m, tolerance_rad)
+        if found == PathErrors():
+            spared += 1
+            assert max(errors.path_m, errors.shaken_m) < tolerance_m
+            assert max(errors.turn_rad, errors.shaken_rad) < tolerance_rad
+        else:
+            assert found == errors
+    assert size == 3.0 or (spared == 200 if size < 3.0 else spared < 100)

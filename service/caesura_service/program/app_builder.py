@@ -149,16 +149,15 @@ class _Group:
         """The contact that follows the group, at once or after rests; None without one.
 
         For a press after a rest, the touch was before that rest. None if the fingers move in such a rest:
-        then nothing was touched before.
+        then nothing was touched before. At its end they move with a press, but before a movement in contact.
         """
         steps = [step for group in self.after for step in group]
-        rests = [step.segment for step in takewhile(self._rests, steps)]
-        after = steps[len(rests) :]
-        if not after or not after[0].touches:
+        contact = next((step for step in steps if not self._rests(step)), None)
+        if contact is None or not contact.touches:
             return None
-        grips = (grip.t for grip in self.grips)
-        moves = any(rest.t0 <= t < rest.tn - GRIP_SLACK_S for t in grips for rest in rests)
-        return None if moves else after[0]
+        slack_s = 0.0 if contact.segment.motion == "motion" else GRIP_SLACK_S
+        moves = any(steps[0].t0 <= grip.t < contact.t0 - slack_s for grip in self.grips)
+        return None if moves else contact
 
     def _rests(self, step: ProgramSegment) -> bool:
         segment = step.segment
@@ -243,13 +242,18 @@ class _Group:
         t = early[-1] if early else next(filter(pushes, observed(begin, contact.tn)), first)
         return _End(t, _where(self.moment_at(t)))
 
+    def is_approached(self, contact: ProgramSegment) -> bool:
+        """Return whether a contact begins with its approach: one that pushes back from its start has none."""
+        first = observed(contact.t0, contact.tn)[0]
+        return contact.arrives and not pushes_back(contact.parts[0], self.moment_at)(first)
+
     def fingers_moved(self) -> float | None:
         """Return the time [s] by which the fingers have moved in a rest before a press; None without a move.
 
         The pressed object is touched only after that time.
         """
         following = self.after[0][0] if self.after else None
-        if following is None or not following.touches or following.arrives:
+        if following is None or not following.touches or self.is_approached(following):
             return None
         if any(grip.is_near(following.t0, following.tn) for grip in self.grips):
             return None
@@ -331,8 +335,8 @@ def _turns(group: _Group) -> Iterable[App]:
 def _contacts(group: _Group) -> Iterable[App]:
     """Yield one app per grip in a contact, or else a press of at least `LEAST_CONTACT_N`.
 
-    Steps that push a peg in before the first grip are a press of their own. Without a grip, a first step that
-    arrives is a Move To Contact; no press follows it where a stroke goes on at once.
+    Steps that push a peg in before the first grip are a press of their own. Without a grip, the approach in
+    a first step is a Move To Contact; no press follows it where a stroke goes on at once.
     """
     inserted = _inserted(group)
     if inserted:
@@ -347,7 +351,7 @@ def _contacts(group: _Group) -> Iterable[App]:
         gripping = _grip_app(grip, begun, ended, group.moment_at, group.paths, confidence, indices)
         yield gripping.model_copy(update={"force_taught": _forces(hardest.force, None)["force_taught"]})
     first = group.steps[0]
-    if first.arrives and not mine:
+    if group.is_approached(first) and not mine:
         yield group.moving("move_to_contact", first, group.touched(first))
         if group.only_touches:
             return
@@ -374,7 +378,9 @@ def _meets(group: _Group) -> bool:
     contact = group.contact
     if contact is None:
         return False
-    return not contact.arrives or any(grip.is_near(contact.t0, contact.tn) for grip in group.grips)
+    return not group.is_approached(contact) or any(
+        grip.is_near(contact.t0, contact.tn) for grip in group.grips
+    )
 
 
 def _press(group: _Group) -> App:
@@ -471,7 +477,8 @@ def _carries(group: _Group) -> Iterable[App]:
                 "load_sd_kg": average(weighed, "load_sd_kg"),
             }
         for step in steps:
-            end = group.touch() if sets_down and step is group.steps[-1] else None
+            ends = sets_down and step is group.steps[-1] and not step.is_dragged
+            end = group.touch() if ends else None
             yield group.moving("hold" if _holds_still(step, end) else "transport", step, end, load)
 
 

@@ -121,19 +121,19 @@ def hanging(step: ProgramSegment, context: Context) -> ProgramSegment:
         return step
     if step.segment.kind == "contact" and not holds(step, context.grips):
         return step
-    down = _down(step.segment.force, context.up)
+    down = weight_n(step.segment.force, context.up)
     return step.read_as("transport", load_kg=down / GRAVITY, load_sd_kg=HANGING_SD_N / GRAVITY)
 
 
 def hangs(force: Vector, up: Vector) -> bool:
     """Whether a force [N] pulls straight down on the robot, as a load does; up: of length 1."""
-    (x, y, z), (ux, uy, uz), down = force, up, _down(force, up)
+    (x, y, z), (ux, uy, uz), down = force, up, weight_n(force, up)
     aside = length((x + down * ux, y + down * uy, z + down * uz))
     return down >= HANGING_N and aside <= HANGING_ASIDE * down
 
 
-def _down(force: Vector, up: Vector) -> float:
-    """Return the component [N] of a force against `up`."""
+def weight_n(force: Vector, up: Vector) -> float:
+    """Return the component [N] of a force (3,) [N] against `up`: the weight of what hangs on the robot."""
     against: float = -sum(map(mul, force, up))
     return against
 

@@ -5,7 +5,8 @@ The filter infers each segment separately. In two passes,
    (`contacts`), and how it leaves the contact (`departures`). Segments below the minimum time, and the
    decaying force of a contact, are left out;
 2. related segments are joined, stage by stage. A short movement is joined with the one before or after it.
-   The rests and ends of a stroke are part of it (`joined_strokes`).
+   The rests and ends of a stroke are part of it (`joined_strokes`). A held object that gives way is carried
+   (`drags`).
 A kind that an operator has set is not changed.
 """
 
@@ -28,6 +29,7 @@ from caesura_service.program.carried_loads import (
 )
 from caesura_service.program.contacts import as_touching, set_down, still_touching
 from caesura_service.program.departures import leaving, lets_go, with_departures
+from caesura_service.program.drags import with_drags
 from caesura_service.program.joined_movements import with_whole_movements
 from caesura_service.program.joined_strokes import (
     are_one_kind,
@@ -92,6 +94,7 @@ def kept_steps(
         with_whole_turns,
         with_ends,
         with_rests,
+        with_drags,
     )
     for stage in stages:
         kept = stage(kept, context)

@@ -9,7 +9,17 @@ import numpy as np
 import pytest
 
 from caesura_service.program import GripperAction, Moment, Paths, ProgramSegment, task_program
-from service.program.segments import ACROSS, DRIFT_N, drifted, held, kinds, program, segment, stopping_at
+from service.program.segments import (
+    ACROSS,
+    DRIFT_N,
+    drifted,
+    held,
+    kinds,
+    moment_at,
+    program,
+    segment,
+    stopping_at,
+)
 
 
 def test_a_contact_was_made_where_the_movement_into_it_was_pushed_back_first() -> None:
@@ -173,3 +183,24 @@ def test_the_last_way_to_a_rest_is_part_of_the_movement_that_it_goes_on_from(
         at=stopping_at,
     )
     assert [app.segments for app in made] == made_of
+
+
+@pytest.mark.parametrize("pushed_s", [2.0, 3.0], ids=["from its start", "later"])
+def test_a_contact_that_pushes_back_from_its_start_has_no_approach(pushed_s: float) -> None:
+    """Its Move To Contact had one place and no duration, and the program's own check refused that path."""
+
+    def at(t: float) -> Moment:
+        return replace(moment_at(t), force=(0.0, 0.0, 9.0 if t > pushed_s else 0.0))
+
+    def poses(t0: float, tn: float) -> tuple[Any, Any]:
+        times = np.arange(t0, tn + 1e-9, 0.1)
+        return times, np.array([moment_at(t).position for t in times])
+
+    down = {"position_start": (0.0, 0.0, 0.3), "position_end": (0.0, 0.0, 0.2)}
+    parts = (segment("motion", 0.0, 2.0), segment("sliding", 2.0, 4.0, force_held=(0.0, 0.0, 9.0), **down))
+    steps = [ProgramSegment(index, one, 1.0) for index, one in enumerate(parts)]
+    made = task_program(steps, (), at, paths=Paths(poses))
+    approach = ["cartesian_motion", "move_to_contact"] if pushed_s > 2.0 else ["move_to_contact"]
+    assert kinds(made) == [*approach, "apply_force"]
+    paths = [app.path for app in made if app.path is not None]
+    assert all(path.tn > path.start.t for path in paths)

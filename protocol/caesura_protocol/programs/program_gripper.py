@@ -13,6 +13,7 @@ from caesura_protocol.robots import GripperDescription, gripper, grippers, robot
 GRIP_REACH_M = 0.04  # an object is between the fingers within this distance from where it was grasped
 GRIPS = ("grasp", "gripper_move")
 SURE_SDS = 2.0  # deviations of a load from nothing, or from another one, above which it is significant
+SHUT_M = 0.003  # between fingers that hold nothing
 
 
 def held_loads(apps: Sequence[App]) -> list[float | None]:

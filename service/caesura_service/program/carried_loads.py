@@ -17,7 +17,7 @@ from operator import mul
 import numpy as np
 
 from caesura_protocol.messages import Vector
-from caesura_protocol.programs.program_gripper import SURE_SDS
+from caesura_protocol.programs.program_gripper import SHUT_M, SURE_SDS
 from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
 from caesura_protocol.rotations import angle_between
 from caesura_service.constants import GRAVITY
@@ -41,7 +41,6 @@ NOWHERE = {  # how far [m] and by how much [rad] a step leads at least, by kind;
 }
 STANDS_S = 1.0  # a load that rests for longer where it was gripped is held there on purpose
 SPAN = ("t0", "tn", "position_start", "position_end")  # fields of a segment that a part has of its own
-SHUT_M = 0.003  # between fingers that hold nothing
 
 
 def divided_at_grips(

@@ -47,3 +47,23 @@ def test_a_carry_in_a_program_without_a_grasp_says_what_was_not_recorded() -> No
     _, grasp, carry, _, opened, _ = pick_and_place()
     (late,) = order_findings((carry, grasp, carry, opened))
     assert late.reason == second
+
+
+def test_what_is_gripped_where_it_stands_is_touched_and_may_be_pressed() -> None:
+    """What was gripped on a table and pushed along it was said to be pressed without a contact."""
+    _, grasp, _, _, opened, _ = pick_and_place()
+    _, push, _ = press()
+    first = move(1.0, (0.3, -0.5, 0.3), (0.3, -0.4, 0.3))
+    assert order_findings((first, grasp, push, opened)) == []
+    (missing,) = order_findings((first, push))
+    assert missing.reason.startswith("presses without a contact")
+
+
+@pytest.mark.parametrize(("width_m", "is_refused"), [(0.0, False), (0.02, True), (None, True)])
+def test_fingers_that_are_shut_release_nothing(width_m: float | None, is_refused: bool) -> None:
+    """A program that shuts its empty fingers before it pushes with them was refused, at both moves."""
+    first = move(1.0, (0.3, -0.5, 0.3), (0.3, -0.4, 0.3))
+    *_, opened, _ = pick_and_place()
+    shut = opened.model_copy(update={"gripper_width": width_m})
+    found = [one.index for one in order_findings((first, shut, first, opened))]
+    assert found == ([1] if is_refused else [])

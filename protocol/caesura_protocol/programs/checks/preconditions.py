@@ -1,4 +1,4 @@
-"""Preconditions of apps: a contact before a press, something in the fingers before a carry.
+"""Preconditions of apps: a contact or a grasp before a press, something in the fingers before a carry.
 
 In contact a tool must not be turned to the start of the next path, because its tip would be driven into the
 surface. Nor may a press pull the tool away: it pushes along the tool.
@@ -13,6 +13,7 @@ from caesura_protocol.app_kinds import APP_KINDS, ends_in_contact
 from caesura_protocol.messages import App, Quaternion
 from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.checks.findings import Finding, in_mm
+from caesura_protocol.programs.program_gripper import SHUT_M
 from caesura_protocol.rotations import angle_between
 
 PULLS = "pulls on what it touches: its force points away from the tool"
@@ -32,12 +33,12 @@ TURN_AT_CONTACT_RAD = math.radians(15.0)  # taught ones turn by 9° at most
 def order_findings(apps: Sequence[App]) -> list[Finding]:
     """Find apps whose preconditions do not hold, and contacts or grasps that no later app ends."""
     found: list[Finding] = []
-    touching, holding, moved = False, None, False
+    touching, holding, moved, emptied = False, None, False, False
     orientation: Quaternion | None = None
     for index, app in enumerate(apps):
         following = apps[index + 1].kind if index + 1 < len(apps) else None
-        grasps_later = any(later.kind == "grasp" for later in apps[index + 1 :])
-        reason = _violations(app, touching=touching, holds=holding is not None, grasps_later=grasps_later)
+        empties = emptied or _is_shut(app) or any(later.kind == "grasp" for later in apps[index + 1 :])
+        reason = _violations(app, touching=touching, holds=holding is not None, empties=empties)
         if reason == UNHELD and all(one.kind != "grasp" for one in apps):
             reason += "" if any(one.reason.startswith(UNHELD) for one in found) else WHY_UNHELD
         if reason:
@@ -54,9 +55,10 @@ def order_findings(apps: Sequence[App]) -> list[Finding]:
         if app.kind == "grasp":
             holding = index
         elif app.kind == "gripper_move":
-            holding = None
+            holding, emptied = None, True
         facts = APP_KINDS[app.kind]
-        stays = facts.in_contact and (touching or facts.presses)  # a missing contact is found once
+        # A missing contact is found once. What is gripped where it stands is touched by it.
+        stays = facts.in_contact and (touching or facts.presses or app.kind == "grasp")
         touching = stays or ends_in_contact(app.kind, following)
         moved = moved or facts.travels
     if holding is not None:
@@ -113,12 +115,21 @@ def _begins_at(app: App) -> str:
     )
 
 
-def _violations(app: App, *, touching: bool, holds: bool, grasps_later: bool) -> str | None:
+def _is_shut(app: App) -> bool:
+    """Return whether an app ends with fingers that hold nothing between them."""
+    return app.gripper_width is not None and app.gripper_width <= SHUT_M
+
+
+def _violations(app: App, *, touching: bool, holds: bool, empties: bool) -> str | None:
+    """Return text on the first precondition that does not hold.
+
+    empties: whether a move of the gripper may be one of empty fingers.
+    """
     if APP_KINDS[app.kind].presses and not touching:
         return "presses without a contact: an app 'move to contact' must come before it"
     if app.kind == "grasp" and holds:
         return "grasps, but something is held already: an app 'move gripper' must come before it"
-    if app.kind == "gripper_move" and not holds and not grasps_later:
+    if app.kind == "gripper_move" and not holds and not empties:
         return "releases what was never grasped: an app 'grasp' must come before it"
     if APP_KINDS[app.kind].carries and not holds:
         return UNHELD

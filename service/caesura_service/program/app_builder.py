@@ -469,7 +469,7 @@ def _carries(group: _Group) -> Iterable[App]:
     """Yield one app per step of a carry, all with its average load, or with that until the load changed."""
     sets_down = _meets(group)
     for steps in _with_one_load(group.steps):
-        weighed = [step for step in steps if step.segment.load_kg is not None]
+        weighed = _weighed(steps)
         load: dict[str, object] = {}
         if weighed:
             load = {
@@ -482,6 +482,12 @@ def _carries(group: _Group) -> Iterable[App]:
             yield group.moving("hold" if _holds_still(step, end) else "transport", step, end, load)
 
 
+def _weighed(steps: Sequence[ProgramSegment]) -> list[ProgramSegment]:
+    """Return the steps with a load; of these, those that are weighed well, if there are any."""
+    known = [step for step in steps if step.segment.load_kg is not None]
+    return [step for step in known if step.lasts(WEIGHED_S)] or known
+
+
 def _with_one_load(steps: Sequence[ProgramSegment]) -> list[list[ProgramSegment]]:
     """Return the steps of a carry, divided where its load changes, as when something is filled in.
 
@@ -489,7 +495,7 @@ def _with_one_load(steps: Sequence[ProgramSegment]) -> list[list[ProgramSegment]
     """
     runs: list[list[ProgramSegment]] = [[]]
     for step in steps:
-        weighed = [one for one in runs[-1] if one.segment.load_kg is not None]
+        weighed = [one for one in _weighed(runs[-1]) if one.lasts(WEIGHED_S)]
         kg, sd_kg = step.segment.load_kg, step.segment.load_sd_kg or 0.0
         if weighed and kg is not None and step.lasts(WEIGHED_S):
             off_kg = abs(kg - average(weighed, "load_kg"))

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from caesura_protocol.app_force_limit import LEAST_PRESS_N
 from caesura_protocol.app_kinds import AppKind
 from caesura_protocol.messages import App, Contact, Gap, RestForce, Segment, Vector
+from caesura_protocol.programs.checks.fidelity import SWAYED_M
 from caesura_protocol.screw_torque_and_text import exerted
 from caesura_protocol.up_direction import UP
 from caesura_service.program.contacts import pushes_back
@@ -386,8 +387,8 @@ def _meets(group: _Group) -> bool:
 def _press(group: _Group) -> App:
     """Return a press with the force of the hardest step.
 
-    Its pose is that of the last time with most of the force. Where it turns it has a path, otherwise it
-    states how far it was off the straight line.
+    Its pose is that of the last time with most of the force. It has a path where it turns, or where it sways
+    by more than a press that is held; otherwise it states how far it was off the straight line.
     """
     hardest = _hardest(group.steps)
     changes, end = _forces(hardest.force, group.force_limit_n), group.pressed(hardest)
@@ -396,14 +397,16 @@ def _press(group: _Group) -> App:
     changes["weaker_n"] = weaker_force(felt, hardest.force, len(times))
     changes["stronger_n"] = stronger_force(felt, length(hardest.force))
     changes["impact_n"] = impact(felt, length(hardest.force))
+    turns = False
     if end is not None:
         changes |= end.where
-        t0 = group.steps[0].segment.t0
-        if group.paths is not None and group.paths.turning(t0, end.t):
-            changes["path"] = group.paths.between(t0, end.t)
-        elif group.paths is not None:
-            changes["off_straight_m"] = group.paths.off_straight_m(t0, end.t)
-    if "path" not in changes:
+        t0, paths = group.steps[0].segment.t0, group.paths
+        if paths is not None:
+            off_m = paths.off_straight_m(t0, end.t)
+            turns = paths.turning(t0, end.t) is not None
+            winds = off_m is not None and off_m > SWAYED_M
+            changes |= {"path": paths.between(t0, end.t)} if turns or winds else {"off_straight_m": off_m}
+    if not turns:
         changes["aslant"] = force_aslant(felt, hardest.force) or force_aside(felt, hardest.force)
     return group.app("apply_force", group.steps, **changes)
 

@@ -17,21 +17,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import groupby, pairwise, takewhile
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.app_force_limit import LEAST_PRESS_N
 from caesura_protocol.app_kinds import AppKind
-from caesura_protocol.messages import App, Contact, Gap, RestForce, Segment, Vector
+from caesura_protocol.messages import App, Gap, RestForce, Vector
 from caesura_protocol.programs.checks.fidelity import SWAYED_M
-from caesura_protocol.screw_torque_and_text import exerted
 from caesura_protocol.up_direction import UP
-from caesura_service.program.contacts import pushes_back
+from caesura_service.program.app_group import AppEnd, AppGroup, group_key, pose_fields
 from caesura_service.program.end_velocities import with_end_velocities
 from caesura_service.program.gaps import observed_share
 from caesura_service.program.held_forces import (
@@ -45,18 +43,13 @@ from caesura_service.program.held_forces import (
 from caesura_service.program.joined_strokes import (
     INSERTED_M,
     NOWHERE_M,
-    only_touches,
     rest_force_n,
-    stands,
     stroke_aslant,
     stroke_force,
 )
 from caesura_service.program.paths import Paths
 from caesura_service.program.program_segment import (
-    GRIP_SLACK_S,
-    OBSERVED_S,
     GripperAction,
-    Moment,
     MomentAt,
     ProgramSegment,
     average,
@@ -66,8 +59,6 @@ from caesura_service.program.program_segment import (
 from caesura_service.program.segment_interpretation import kept_steps
 
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
-SETTLES_S = 0.15  # after a turn, until the hand is still
-UNCHANGED: Mapping[str, object] = MappingProxyType({})
 WEIGHED_S = 1.0  # in which a load is weighed well: a shorter step may end with a touch
 CHANGED_KG, CHANGED_SDS = (
     0.25,
@@ -76,9 +67,7 @@ CHANGED_KG, CHANGED_SDS = (
 AT_REST: Mapping[str, float] = MappingProxyType(  # a hand that grips at rest sways by less
     {"moved_m_per_s": 0.03, "turned_rad_per_s": math.radians(10.0)}
 )
-STILL_PRESSED = 0.7  # of a force: who presses less is letting go
 
-TURNS_AS: dict[Contact, str] = {"free": "motion", "contact": "sliding", "transport": "transport"}
 GRIP_APPS: dict[str, AppKind] = {
     "grasp": "grasp",
     "release": "gripper_move",
@@ -108,15 +97,15 @@ def task_program(
     the last app of earlier steps; up: away from gravity, base frame.
     """
     kept = kept_steps(steps, grips if known is None else known, moment_at, least_s, up)
-    groups = [list(group) for _, group in groupby(kept, key=_group_key)]
+    groups = [list(group) for _, group in groupby(kept, key=group_key)]
     rest = list(grips)
     apps: list[App] = []
     for number, group in enumerate(groups):
-        build = _BUILDERS.get(_group_key(group[0]))
+        build = _BUILDERS.get(group_key(group[0]))
         if build is not None:
             before = groups[number - 1][-1] if number else None
             after = groups[number + 1 : number + 3]
-            apps += build(_Group(group, before, after, rest, moment_at, force_limit_n, paths))
+            apps += build(AppGroup(group, before, after, rest, moment_at, force_limit_n, paths))
     apps += [_grip_app(grip, grip.t, grip.t, moment_at, paths, 1.0, ()) for grip in rest]
     apps = [_as_observed(app, gaps) for app in sorted(apps, key=_when)]
     return tuple(apps) if paths is None else with_end_velocities(apps, paths, app_before)
@@ -133,177 +122,7 @@ def _as_observed(app: App, gaps: Sequence[Gap]) -> App:
     return app if share == 1.0 else app.model_copy(update={"confidence": app.confidence * share})
 
 
-@dataclass(frozen=True)
-class _Group:
-    """Consecutive segments with one group key, and the context from which their apps are built."""
-
-    steps: list[ProgramSegment]
-    before: ProgramSegment | None  # the last step of the group before it
-    after: Sequence[Sequence[ProgramSegment]]  # the steps of the two groups that follow
-    grips: list[GripperAction]  # not yet used; those that belong to a contact are taken out
-    moment_at: MomentAt
-    force_limit_n: float | None
-    paths: Paths | None
-
-    @property
-    def contact(self) -> ProgramSegment | None:
-        """The contact that follows the group, at once or after rests; None without one.
-
-        For a press after a rest, the touch was before that rest. None if the fingers move in such a rest:
-        then nothing was touched before. At its end they move with a press, but before a movement in contact.
-        """
-        steps = [step for group in self.after for step in group]
-        contact = next((step for step in steps if not self._rests(step)), None)
-        if contact is None or not contact.touches:
-            return None
-        slack_s = 0.0 if contact.segment.motion == "motion" else GRIP_SLACK_S
-        moves = any(steps[0].t0 <= grip.t < contact.t0 - slack_s for grip in self.grips)
-        return None if moves else contact
-
-    def _rests(self, step: ProgramSegment) -> bool:
-        segment = step.segment
-        turns = self.paths is not None and self.paths.turning(segment.t0, segment.tn)
-        return segment.kind == "steady" and not turns
-
-    def moving(
-        self,
-        kind: AppKind,
-        step: ProgramSegment,
-        end: _End | None = None,
-        changes: Mapping[str, object] = UNCHANGED,
-        begun: float | None = None,
-    ) -> App:
-        """Return an app over a step with its path, from `begun` [s] to `end`.
-
-        Without them, the path begins and ends with the step's segment. changes: other fields of the app.
-        """
-        t0, tn = step.segment.t0, step.segment.tn if end is None else end.t
-        if begun is not None:
-            late = begun - t0 > OBSERVED_S
-            t0, changes = begun, {**changes, **({"t0": begun} if late else {})}
-        path = self.paths.between(t0, tn) if self.paths is not None and tn > t0 else None
-        screw = exerted(step.segment.screw) if step.segment.kind == "turning" else None
-        return self.app(kind, [step], path=path, screw=screw, **({} if end is None else end.where), **changes)
-
-    def app(self, kind: AppKind, steps: Sequence[ProgramSegment], **changes: object) -> App:
-        """Return an app over consecutive steps, with the pose at their end; changes: its other fields."""
-        last, parts = steps[-1].segment, [part for step in steps for part in step.parts]
-        moment = self.moment_at(last.tn)
-        fields: dict[str, object] = {
-            "kind": kind,
-            "t0": parts[0].segment.t0,
-            "tn": parts[-1].segment.tn,
-            "target": last.position_end,
-            "orientation": moment.orientation,
-            "joints": moment.joints,
-            "force": None,
-            "force_taught": None,
-            "load_kg": None,
-            "load_sd_kg": None,
-            "gripper_width": None,
-            "confidence": min(part.confidence for part in parts),
-            "segments": tuple(part.index for part in parts),
-        }
-        return App.model_validate(fields | changes)
-
-    def touch(self) -> _End | None:
-        """Return the end of the last movement at the contact that follows; None without a contact.
-
-        A rest before the contact is a pause, no part of the path: the time is at most that of the movement's
-        end.
-        """
-        approach, contact = self.steps[-1].segment, self.contact
-        if contact is None:
-            return None
-        end = self.touched(contact, approach)
-        at_once = contact is self.after[0][0]
-        return end if at_once else replace(end, t=min(end.t, approach.tn))
-
-    def rest(self, step: ProgramSegment) -> _End | None:
-        """Return the end of a turn where the hand has come to rest; None unless a rest follows the step.
-
-        The last degrees of a turn are slower than a turn, so they lie in the rest.
-        """
-        following = self.after[0][0] if self.after else None
-        if following is None or step is not self.steps[-1] or following.segment.kind != "steady":
-            return None
-        t = min(step.segment.tn + SETTLES_S, following.segment.tn)
-        return _End(t, _where(self.moment_at(t)))
-
-    def touched(self, contact: ProgramSegment, approach: Segment | None = None) -> _End:
-        """Return the first time and pose at which a contact pushes back; else its first observation.
-
-        That may be before the contact, at the end of `approach`.
-        """
-        pushes = pushes_back(contact.parts[0], self.moment_at)
-        first = observed(contact.t0, contact.tn)[0]
-        begin = contact.t0 if approach is None else approach.tn
-        before = [] if approach is None else observed(approach.t0, approach.tn)
-        early = list(takewhile(pushes, reversed(before)))
-        t = early[-1] if early else next(filter(pushes, observed(begin, contact.tn)), first)
-        return _End(t, _where(self.moment_at(t)))
-
-    def is_approached(self, contact: ProgramSegment) -> bool:
-        """Return whether a contact begins with its approach: one that pushes back from its start has none."""
-        first = observed(contact.t0, contact.tn)[0]
-        return contact.arrives and not pushes_back(contact.parts[0], self.moment_at)(first)
-
-    def fingers_moved(self) -> float | None:
-        """Return the time [s] by which the fingers have moved in a rest before a press; None without a move.
-
-        The pressed object is touched only after that time.
-        """
-        following = self.after[0][0] if self.after else None
-        if following is None or not following.touches or self.is_approached(following):
-            return None
-        if any(grip.is_near(following.t0, following.tn) for grip in self.grips):
-            return None
-        t0, tn = self.steps[0].segment.t0, self.steps[-1].segment.tn
-        moved = [grip.t for grip in self.grips if t0 <= grip.t < tn - GRIP_SLACK_S]
-        return max(moved) + OBSERVED_S if moved else None
-
-    @property
-    def only_touches(self) -> bool:
-        """Whether the group is only the touch of a contact that continues as a stroke, with no lasting
-        press.
-        """
-        strokes = self.after[0] if self.after else ()
-        goes_on = bool(strokes) and _group_key(strokes[0]) == "sliding"
-        return goes_on and len(self.steps) == 1 and only_touches(self.steps[0], self.moment_at)
-
-    def landed(self) -> float | None:
-        """Return the time [s] at which a stroke that begins in the air touches the surface.
-
-        The movement to the surface belongs to the app before. None if the stroke begins in contact or at the
-        start of the program, or touches only at its end.
-        """
-        first = self.steps[0]
-        if first.rests_before or self.before is None or self.before.touches:
-            return None
-        t = self.touched(first).t
-        return t if t < first.segment.tn - OBSERVED_S else None
-
-    def pressed(self, hardest: ProgramSegment) -> _End | None:
-        """Return the last time and pose with a force of `STILL_PRESSED` of the press; None without one.
-
-        The segment itself may end later, while the hand lets go. hardest: the step whose force counts.
-        """
-        times, force = observed(self.steps[0].segment.t0, self.steps[-1].segment.tn), hardest.force
-        least = _along(hardest.base, force) + STILL_PRESSED * length(force)
-        held = (t for t in reversed(times) if _along(self.moment_at(t).force, force) >= least)
-        t = next(held, None)
-        return None if t is None else _End(t, _where(self.moment_at(t)))
-
-
-@dataclass(frozen=True)
-class _End:
-    """The time [s] and pose at which an app ends, where they differ from the end of its segment."""
-
-    t: float
-    where: dict[str, Any]
-
-
-def _motions(group: _Group) -> Iterable[App]:
+def _motions(group: AppGroup) -> Iterable[App]:
     """Yield one app per movement; the last one ends at the contact that follows."""
     touches = _meets(group)
     for step in group.steps:
@@ -315,7 +134,7 @@ def _motions(group: _Group) -> Iterable[App]:
             yield group.moving("cartesian_motion", step)
 
 
-def _turns(group: _Group) -> Iterable[App]:
+def _turns(group: AppGroup) -> Iterable[App]:
     """Yield the apps of rests: a turn in a rest, and the way to a press after the fingers moved.
 
     Every other rest has no app.
@@ -324,7 +143,7 @@ def _turns(group: _Group) -> Iterable[App]:
         turning = group.paths and group.paths.turning(step.segment.t0, step.segment.tn)
         if group.paths and turning:
             t0, tn = turning
-            where = _where(group.moment_at(tn))
+            where = pose_fields(group.moment_at(tn))
             path = group.paths.between(t0, tn)
             yield group.app("cartesian_motion", [step], t0=t0, tn=tn, path=path, **where)
     if (moved := group.fingers_moved()) is not None:
@@ -333,7 +152,7 @@ def _turns(group: _Group) -> Iterable[App]:
         yield group.app("move_to_contact", [rest], t0=moved, tn=rest.segment.tn, path=path, **end.where)
 
 
-def _contacts(group: _Group) -> Iterable[App]:
+def _contacts(group: AppGroup) -> Iterable[App]:
     """Yield one app per grip in a contact, or else a press of at least `LEAST_CONTACT_N`.
 
     Steps that push a peg in before the first grip are a press of their own. Without a grip, the approach in
@@ -371,7 +190,7 @@ def _shares(grips: Sequence[GripperAction], t0: float, tn: float) -> Sequence[tu
     return list(pairwise([min(t0, grips[0].t), *between, max(tn, grips[-1].t)]))
 
 
-def _meets(group: _Group) -> bool:
+def _meets(group: AppGroup) -> bool:
     """Whether the group's last movement ends at the contact that follows.
 
     A contact that includes its approach has a Move To Contact of its own, unless a grip belongs to it.
@@ -384,7 +203,7 @@ def _meets(group: _Group) -> bool:
     )
 
 
-def _press(group: _Group) -> App:
+def _press(group: AppGroup) -> App:
     """Return a press with the force of the hardest step.
 
     Its pose is that of the last time with most of the force. It has a path where it turns, or where it sways
@@ -416,7 +235,7 @@ def _hardest(steps: Sequence[ProgramSegment]) -> ProgramSegment:
     return max(held, key=lambda step: length(step.force))
 
 
-def _inserted(group: _Group) -> list[ProgramSegment]:
+def _inserted(group: AppGroup) -> list[ProgramSegment]:
     """Return the steps that push something in before the fingers first move, such as a peg into its hole."""
     first = min((grip.t for grip in group.grips if grip.t >= group.steps[0].segment.t0), default=-math.inf)
     before = list(takewhile(lambda step: step.segment.tn <= first, group.steps))[: len(group.steps) - 1]
@@ -424,7 +243,7 @@ def _inserted(group: _Group) -> list[ProgramSegment]:
     return before if depth > INSERTED_M else []
 
 
-def _slides(group: _Group) -> Iterable[App]:
+def _slides(group: AppGroup) -> Iterable[App]:
     """Yield one app per stroke, with its own target and the forces of its rests."""
     for step in group.steps:
         force = stroke_force(step, group.moment_at) or step.force
@@ -446,7 +265,7 @@ def _slides(group: _Group) -> Iterable[App]:
 
 
 def _rests_felt(
-    step: ProgramSegment, newton: float, rests: Iterable[RestForce | None], group: _Group
+    step: ProgramSegment, newton: float, rests: Iterable[RestForce | None], group: AppGroup
 ) -> Iterator[tuple[NDArray[np.float64], float]]:
     """Yield the forces (n, 3) [N] of each rest beside a stroke, with the size [N] that the robot exerts then.
 
@@ -459,7 +278,7 @@ def _rests_felt(
             yield forces_felt(part.base, times, group.moment_at), most
 
 
-def _rest(rests: Sequence[ProgramSegment], group: _Group) -> RestForce | None:
+def _rest(rests: Sequence[ProgramSegment], group: AppGroup) -> RestForce | None:
     """Return the force of the rests at one end of a stroke, within the limit; None where they are short."""
     taught_n, limit_n = rest_force_n(rests, group.moment_at), group.force_limit_n
     if taught_n is None:
@@ -468,7 +287,7 @@ def _rest(rests: Sequence[ProgramSegment], group: _Group) -> RestForce | None:
     return RestForce(newton=newton if limit_n is None else min(newton, limit_n), newton_taught=taught_n)
 
 
-def _carries(group: _Group) -> Iterable[App]:
+def _carries(group: AppGroup) -> Iterable[App]:
     """Yield one app per step of a carry, all with its average load, or with that until the load changed."""
     sets_down = _meets(group)
     for steps in _with_one_load(group.steps):
@@ -508,7 +327,7 @@ def _with_one_load(steps: Sequence[ProgramSegment]) -> list[list[ProgramSegment]
     return runs
 
 
-def _holds_still(step: ProgramSegment, end: _End | None) -> bool:
+def _holds_still(step: ProgramSegment, end: AppEnd | None) -> bool:
     """Whether a step of a carry is a Hold rather than a Transport.
 
     A hold that ends at a contact may carry its load there. It is a Hold if its displacement is negligible, or
@@ -519,7 +338,7 @@ def _holds_still(step: ProgramSegment, end: _End | None) -> bool:
     return step.segment.kind == "hold" and (end is None or step.segment.corrected or way_m < NOWHERE_M)
 
 
-_BUILDERS: dict[str, Callable[[_Group], Iterable[App]]] = {
+_BUILDERS: dict[str, Callable[[AppGroup], Iterable[App]]] = {
     "motion": _motions,
     "steady": _turns,
     "contact": _contacts,
@@ -527,32 +346,6 @@ _BUILDERS: dict[str, Callable[[_Group], Iterable[App]]] = {
     "transport": _carries,
     "hold": _carries,
 }
-
-
-def _group_key(step: ProgramSegment) -> str:
-    """Return the kind of group that a step belongs to.
-
-    Transport and hold form one carry. A movement that pushes a yielding object in is part of the press.
-    """
-    kind, contact = step.segment.kind, step.segment.contact
-    if stands(step) and not step.segment.corrected and not step.rests_before and not step.rests_after:
-        return "contact"
-    if kind == "turning":
-        return TURNS_AS[contact]
-    if kind == "sliding" and step.gives_way:
-        return "contact"
-    return "transport" if kind == "hold" else kind
-
-
-def _where(moment: Moment) -> dict[str, Any]:
-    return {"target": moment.position, "orientation": moment.orientation, "joints": moment.joints}
-
-
-def _along(force: Vector | None, direction: Vector) -> float:
-    """Return the component [N] of a force along a direction; 0 where the force is None."""
-    if force is None:
-        return 0.0
-    return sum(a * b for a, b in zip(force, direction, strict=True)) / max(length(direction), 1e-12)
 
 
 def _grip_app(

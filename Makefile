@@ -45,6 +45,7 @@ bench: $(TESTED)
 	$(BIN)/python tests/bench/edge_cost.py --json dist/bench
 	$(BIN)/python tests/bench/journal_cost.py
 	$(BIN)/python tests/bench/watching_cost.py
+	$(BIN)/python tests/bench/stored_cost.py --json dist/bench
 	$(BIN)/python tests/bench/restart.py --minutes 10
 	$(BIN)/python tests/bench/takeover.py
 	$(BIN)/python tests/bench/service_load.py --json dist/bench

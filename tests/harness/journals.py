@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from clients.examples import snapshot
 
 COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz")
 BATCH = 20
+BURST = 50  # short sessions that are written together
 UNLIMITED = JournalSettings(waiting_bytes=1 << 30)
 
 
@@ -64,6 +65,22 @@ def written(
         if closed is not None:
             journal.append(Record(station, session, 2e9, Close(session=session, last_seq=count - 1)))
             journal.store_outcome(station, Outcome(opening, count - 1, closed))
+
+
+def write_short_sessions(folder: Path, keys: Sequence[tuple[str, str]]) -> None:
+    """Write closed sessions of 0.2 s (station, session), one after the other: some thousands in seconds."""
+    rows, result = taught(0.2), ended("motion", t=0.2)
+    folder.mkdir(exist_ok=True, parents=True)
+    with SqliteJournal(folder / "caesura-1.sqlite", UNLIMITED) as journal:
+        for number, (station, session) in enumerate(keys):
+            opening = Open(session=session, columns=COLUMNS, wrench_source="flange_sensor", preset="default")
+            batch = pack_samples(rows, COLUMNS, session=session, epoch=0, seq=0)
+            for message in (opening, batch, Close(session=session, last_seq=0)):
+                journal.append(Record(station, session, 1e9 + number, message))
+            status = result.status.model_copy(update={"station": station, "session": session})
+            journal.store_outcome(station, Outcome(opening, 0, result.model_copy(update={"status": status})))
+            if number % BURST == BURST - 1:
+                journal.flush()
 
 
 def ended(*kinds: str, t: float, station: str = "cell-1", session: str = "s1") -> Snapshot:

@@ -148,6 +148,11 @@ class StoredOutcome(NamedTuple):
     size: int  # [bytes] of its records; 0 while the outcome waits to be written
 
 
+def is_named(key: Key, station: str | None, session: str | None) -> bool:
+    """Return whether a key has these names; None for any."""
+    return station in {None, key[0]} and session in {None, key[1]}
+
+
 class Journal(Protocol):
     """Append-only records of many sessions. One thread appends."""
 
@@ -217,8 +222,12 @@ class Journal(Protocol):
         Any thread may call this method and `outcomes`; neither waits for a write.
         """
 
-    def outcomes(self, station: str | None = None) -> tuple[StoredOutcome, ...]:
-        """Return the sessions with an outcome, the newest first: those of a station, or all."""
+    def outcomes(self, station: str | None = None, session: str | None = None) -> Iterator[StoredOutcome]:
+        """Yield the sessions with an outcome, the newest first. Raises JournalError.
+
+        station, session: their names; None for any. The first sessions cost nothing for the later ones.
+        Sessions may be deleted meanwhile.
+        """
 
     def release(self, station: str, session: str) -> None:
         """Release a closed session, which is no longer in memory: the journal decides whether to keep it."""

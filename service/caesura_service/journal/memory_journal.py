@@ -27,6 +27,7 @@ from caesura_service.journal.journal import (
     Recordable,
     Refused,
     StoredOutcome,
+    is_named,
 )
 from caesura_service.journal.open_session_quota import ENDING, ENDING_BYTES
 
@@ -155,10 +156,11 @@ class MemoryJournal:
         """Return the outcome of a session; None without one."""
         return self._outcomes.get((station, session))
 
-    def outcomes(self, station: str | None = None) -> tuple[StoredOutcome, ...]:
-        """Return the sessions with an outcome, the newest first: those of a station, or all."""
-        sizes = [one for one in self._sizes.items() if station in (None, one[0][0])]
-        return tuple(StoredOutcome(key, size) for key, size in reversed(sizes) if key in self._outcomes)
+    def outcomes(self, station: str | None = None, session: str | None = None) -> Iterator[StoredOutcome]:
+        """Yield the sessions with an outcome, the newest first."""
+        for key, size in reversed(list(self._sizes.items())):
+            if key in self._outcomes and is_named(key, station, session):
+                yield StoredOutcome(key, size)
 
     def check_readable(self) -> None:
         """Return at once: memory is readable."""

@@ -94,6 +94,10 @@ WHERE encoding = '{EDIT_PROGRAM}'"""
 # Without it an opening beside another instance costs more with each old session of its station. A reader of a
 # journal without it goes through these: so it has no version.
 SCHEMA_OPENED = "CREATE INDEX IF NOT EXISTS opened_of_station ON sessions (station, opened)"
+# Stored sessions of one station, or of one name, are listed without the others. So it has no version.
+SCHEMA_LISTED = """
+CREATE INDEX IF NOT EXISTS sessions_of_station ON sessions (station);
+CREATE INDEX IF NOT EXISTS sessions_of_name ON sessions (session)"""
 # The last epoch under which this instance completed a takeover of a station: all that other instances had
 # recorded of it was here. A journal without it is taken for one that completed each: so it has no version.
 SCHEMA_TAKEOVERS = """
@@ -189,10 +193,21 @@ INSERT OR REPLACE INTO outcomes (session_id, opening, last_seq, snapshot, crc)
 SELECT id, ?, ?, ?, ? FROM sessions WHERE station = ? AND session = ?"""
 SELECT_OUTCOME = """
 SELECT outcomes.* FROM outcomes JOIN sessions ON id = session_id WHERE station = ? AND session = ?"""
-SELECT_OUTCOMES = f"""
-SELECT station, session, size FROM sessions JOIN outcomes ON session_id = id
-WHERE {KNOWN} AND closed ORDER BY id DESC"""
-SELECT_OUTCOMES_OF = SELECT_OUTCOMES.replace("AND closed", "AND closed AND station = ?")
+OUTCOMES_PAGE = 100  # rows of `select_outcomes`
+
+
+def select_outcomes(*columns: str) -> str:
+    """Return the query for the next closed sessions with an outcome below an id, the newest first.
+
+    columns: names of the key that are given. Each query reads no session that it does not return, except for
+    those without an outcome.
+    """
+    given = "".join(f" AND {column} = :{column}" for column in columns)
+    return f"""
+SELECT id, station, session, size FROM sessions CROSS JOIN outcomes ON session_id = id
+WHERE {KNOWN} AND closed AND id < :below{given} ORDER BY id DESC LIMIT {OUTCOMES_PAGE}"""
+
+
 _SELECT_COPIES = f"""
 SELECT
     coalesce((
@@ -531,7 +546,8 @@ def _complete(database: sqlite3.Connection, path: Path) -> None:
 
     Raises JournalDamagedError for columns of no version.
     """
-    for schema in (SCHEMA_2, SCHEMA_3, SCHEMA_5, SCHEMA_6, SCHEMA_OVERVIEWS, SCHEMA_OPENED):
+    indices = (SCHEMA_OPENED, *SCHEMA_LISTED.split(";"))
+    for schema in (SCHEMA_2, SCHEMA_3, SCHEMA_5, SCHEMA_6, SCHEMA_OVERVIEWS, *indices):
         database.execute(schema)
     for table, column, kind in COLUMNS_4:
         if not database.execute(HAS_COLUMN, (table, column)).fetchone():

@@ -40,6 +40,7 @@ from caesura_service.journal.journal import (
     Recordable,
     Refused,
     StoredOutcome,
+    is_named,
 )
 from caesura_service.journal.peer_journals import open_for_reading
 from caesura_service.journal.retention import (
@@ -79,8 +80,6 @@ from caesura_service.journal.sqlite_database import (
     SELECT_OLDEST_CLOSED,
     SELECT_OPEN,
     SELECT_OUTCOME,
-    SELECT_OUTCOMES,
-    SELECT_OUTCOMES_OF,
     SELECT_ROWS,
     SELECT_SESSIONS,
     SELECT_USAGE,
@@ -88,6 +87,7 @@ from caesura_service.journal.sqlite_database import (
     acquire_lock,
     map_sqlite_errors,
     open_database,
+    select_outcomes,
     transaction,
 )
 from caesura_service.journal.wal_integrity import log_integrity_error
@@ -95,6 +95,7 @@ from caesura_service.journal.writer_thread import SqliteWriter
 
 logger = logging.getLogger(__name__)
 
+MAX_ID = (1 << 63) - 1  # of a row
 PATIENCE = 10  # times that tidying may be put off
 DROPS = 512  # sessions at one look, some milliseconds: more than a station opens and closes in between
 LONG_LOOK_S, LOOKS_SHARE = 0.02, 0.02  # a look that takes longer [s] is followed by a pause: its share
@@ -237,14 +238,23 @@ class SqliteJournal(SqliteWriter):
             found = self._reader.execute(SELECT_OUTCOME, (station, session)).fetchone()
         return None if found is None else outcome_of((station, session), *found)
 
-    def outcomes(self, station: str | None = None) -> tuple[StoredOutcome, ...]:
-        """Return the sessions with an outcome, the newest first: those of a station, or all."""
+    def outcomes(self, station: str | None = None, session: str | None = None) -> Iterator[StoredOutcome]:
+        """Yield the sessions with an outcome, the newest first; they are read a page at a time."""
         with self._guard:
-            sizes = {key: 0 for key in reversed(self._outcomes) if station in (None, key[0])}
-        query = (SELECT_OUTCOMES,) if station is None else (SELECT_OUTCOMES_OF, (station,))
-        with self._reading, map_sqlite_errors(self.path):
-            sizes |= {(of, session): size for of, session, size in self._reader.execute(*query)}
-        return tuple(StoredOutcome(key, size) for key, size in sizes.items())
+            waiting = [key for key in reversed(self._outcomes) if is_named(key, station, session)]
+        yield from (StoredOutcome(key, 0) for key in waiting)
+        given = {"station": station, "session": session}
+        query = select_outcomes(*(column for column, name in given.items() if name is not None))
+        below = MAX_ID
+        while True:
+            with self._reading, map_sqlite_errors(self.path):
+                page = self._reader.execute(query, {**given, "below": below}).fetchall()
+            if not page:
+                return
+            below = page[-1][0]
+            for _, *key, size in page:
+                if (known := tuple(key)) not in waiting:
+                    yield StoredOutcome(known, size)
 
     def _pages(self, session: SessionRow, last: int) -> Iterator[Record]:
         pages = pages_of(self._database, session, last)

@@ -7,7 +7,6 @@ written, or is only in another instance's journal, is not listed and does not co
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from itertools import islice
 
 from caesura_protocol.keys import StoredPage
 from caesura_protocol.messages import Program, Snapshot
@@ -16,6 +15,7 @@ from caesura_service.journal import Journal, Key
 from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.program_edits import at_edit, log_of, with_edits
 
+PASSED = 100  # sessions that are listed between two places to give way
 PAGE_BYTES = 1 << 26  # of the records of a page's sessions, beyond the first
 
 
@@ -37,22 +37,34 @@ class StoredSessions:
         return self._serves(station) and all(one.name != session for one in held)
 
     def page(
-        self, matches: Callable[[Key], bool], wanted: StoredPage, station: str | None = None
-    ) -> Iterator[Snapshot]:
+        self,
+        matches: Callable[[Key], bool],
+        wanted: StoredPage,
+        station: str | None = None,
+        session: str | None = None,
+    ) -> Iterator[Snapshot | None]:
         """Yield the outcomes of a page, the newest session first; at most PAGE_BYTES. Raises JournalError.
 
-        station: the one whose sessions match, so that those of others cost nothing; None: of any.
+        station, session: names of all that match, so that others cost nothing; None: any. Yields None after
+        every PASSED sessions, so that the caller can give way.
         """
-        outcomes = self._journal.outcomes(station)
-        asked = (one for one in outcomes if matches(one.key) and self.answers_for(*one.key))
-        size, left = 0, wanted.limit
-        for one in islice(asked, wanted.skip, None):
+        skipped, size, left = 0, 0, wanted.limit
+        for passed, one in enumerate(self._journal.outcomes(station, session), 1):
+            if passed % PASSED == 0:
+                yield None
+            if not (matches(one.key) and self.answers_for(*one.key)):
+                continue
+            if skipped < wanted.skip:
+                skipped += 1
+                continue
             size += one.size
-            if not left or size > max(PAGE_BYTES, one.size):
+            if size > max(PAGE_BYTES, one.size):
                 return
             if (outcome := self._journal.outcome(*one.key)) is not None:
-                left -= 1
                 yield _edited(outcome.snapshot, wanted.edits)
+                left -= 1
+            if not left:
+                return
 
     def has(self, station: str, session: str) -> bool:
         """Whether the journal has the outcome of a session that is not in memory. Raises JournalError."""

@@ -206,6 +206,19 @@ def lane_of_query(key: str) -> str:
     return name if kind in {"station", "session"} and is_name(name) else UNKNOWN
 
 
+def session_of_query(key: str) -> str | None:
+    """Return the session that a query on sessions names; None if it leaves the session open.
+
+    >>> session_of_query("caesura/v1/session/*/s1/snapshot")
+    's1'
+    >>> session_of_query("caesura/v1/session/a/*/snapshot"), session_of_query("caesura/v1/session/**/s1/**")
+    (None, None)
+    """
+    kind, *names = key.removeprefix(f"{ROOT}/").split("/")
+    is_second = kind == "session" and len(names) == 3 and names[0] != "**"
+    return names[1] if is_second and is_name(names[1]) else None
+
+
 def station_of(source: str) -> str:
     """Return the station of a source, whose name may be invalid.
 

@@ -549,7 +549,7 @@ def test_an_outcome_that_the_disk_refuses_is_tried_again(path, monkeypatch):
             with pytest.raises(JournalError, match="cannot be used"):
                 journal.flush()
             assert [one.key for one in journal.outcomes()] == [(STATION, NAME)]
-        eventually(lambda: journal.outcomes() == ())  # none waits, and the session is open
+        eventually(lambda: not [*journal.outcomes()])  # none waits, and the session is open
         assert journal.outcome(STATION, NAME) == concluded(registry, NAME)
 
 
@@ -563,7 +563,7 @@ def test_outcomes_that_the_disk_refuses_are_bounded(path, monkeypatch):
             for number in range(2 * writer.OUTCOMES):
                 with suppress(JournalError):
                     journal.store_outcome(f"cell-{number}", outcome)
-            assert len(journal.outcomes()) == writer.OUTCOMES
+            assert len([*journal.outcomes()]) == writer.OUTCOMES
 
 
 def test_the_outcome_of_a_session_that_was_dropped_is_not_that_of_the_next_one_of_its_name(tmp_path):

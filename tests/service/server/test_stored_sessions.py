@@ -19,19 +19,18 @@ from caesura_clients.dashboard.network_follower import NetworkFollower
 from caesura_clients.dashboard.session_list_rows import sessions
 from caesura_clients.session_corrections import send
 from caesura_protocol.errors import NotFound, ProtocolError
-from caesura_protocol.keys import SampleRange, StoredPage, session_key
+from caesura_protocol.keys import SampleRange, StoredPage, session_key, stored_parameters
 from caesura_protocol.messages import Describe, Description, Snapshot
 from caesura_protocol.transport.memory import MemoryNetwork, MemoryQuestion
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.journal import Outcome, SqliteJournal, StoredOutcome
-from caesura_service.journal.sqlite_database import SELECT_OUTCOMES_OF
 from caesura_service.ownership.stored_sessions import StoredSessions
 from caesura_service.server.memory_network import in_memory
 from caesura_service.server.stored_session_server import StoredSessionServer
 from caesura_service.sessions.limits import Limits
 from harness.fake_pipeline import make_fake_pipeline
-from harness.journals import ended, taught, written
+from harness.journals import ended, taught, write_short_sessions, written
 from harness.peer import MemoryPeer
 from harness.processes import DEADLINE_S, eventually
 from harness.sessions import batches, opening
@@ -113,30 +112,80 @@ def test_the_dashboard_lists_them_page_by_page_and_opens_one_by_its_name(caesura
         assert {row["session"] for row in sessions(follower.world)} == set(NAMES)
 
 
-def test_a_page_of_a_station_costs_nothing_for_the_sessions_of_others(tmp_path: Path, monkeypatch):
-    """It listed the sessions of all stations: 0.7 s where one of them had 20,000."""
-    for station in ("cell-1", "cell-2"):
-        for name in NAMES[:20]:
-            outcome = ended("motion", t=2.0, station=station, session=name)
-            written(tmp_path, taught(2.0), station=station, session=name, closed=outcome)
-    listed, outcomes = [], SqliteJournal.outcomes
+@pytest.mark.parametrize(
+    ("asked", "found", "listed"),
+    [
+        (("*", "*"), 16, 32 + 16),  # and those that the service holds, the last 16 of each station
+        (("cell-1", "*"), 16, 16 + 16),
+        (("*", "s00003"), 1, 1),
+        (("cell-2", "s00003"), 1, 1),
+        (("cell-1", "s00003"), 0, 0),
+    ],
+)
+def test_a_page_costs_nothing_for_the_sessions_that_it_does_not_have(
+    two_stations: Caesura, monkeypatch, asked: tuple[str, str], found: int, listed: int
+):
+    """A page of all stations listed every session: 0.7 s beside 20,000 of them."""
+    read, outcomes = list[StoredOutcome](), SqliteJournal.outcomes
 
-    def recorded(self: SqliteJournal, station: str | None = None) -> tuple[StoredOutcome, ...]:
-        listed.append(found := outcomes(self, station))
-        return found
+    def recorded(self: SqliteJournal, *key: str | None) -> Iterator[StoredOutcome]:
+        for one in outcomes(self, *key):
+            read.append(one)
+            yield one
 
     monkeypatch.setattr(SqliteJournal, "outcomes", recorded)
+    page = query.stored_snapshots(two_stations.transport, *asked)
+    assert (len(page), len(read)) == (found, listed)
+
+
+@pytest.fixture(scope="module")
+def two_stations(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Caesura]:
+    folder: Path = tmp_path_factory.mktemp("two")
+    write_short_sessions(folder, [(f"cell-{1 + number % 2}", f"s{number:05d}") for number in range(80)])
     network = MemoryNetwork()
-    config = ServiceConfig(instance="caesura-1", preset="fake", journal=tmp_path)
+    config = ServiceConfig(instance="caesura-1", preset="fake", journal=folder)
     with Service(config, pipeline_factory=make_fake_pipeline, join=in_memory(network)):
-        found = query.stored_snapshots(network.transport(), "cell-1")
-        assert [(one.status.station, one.status.session) for one in found] == [
-            ("cell-1", name) for name in NAMES[3::-1]
-        ]
-        assert {one.key[0] for page in listed for one in page} == {"cell-1"}
-    with closing(sqlite3.connect(tmp_path / "caesura-1.sqlite")) as database:
-        plan = database.execute(f"EXPLAIN QUERY PLAN {SELECT_OUTCOMES_OF}", ("cell-1",)).fetchall()
-    assert not any("SCAN" in step for *_, step in plan)
+        yield Caesura(network.transport())
+
+
+@pytest.mark.parametrize(
+    "asked", [(None, None), ("cell-1", None), (None, "s00008"), ("cell-1", "s00008")], ids=str
+)
+def test_a_page_needs_as_many_steps_of_the_database_beside_many_sessions_as_beside_few(
+    tmp_path: Path, asked: tuple[str | None, str | None]
+):
+    def steps(sessions: int) -> int:
+        folder = tmp_path / str(sessions)
+        write_short_sessions(folder, [(f"cell-{number % 2}", f"s{number:05d}") for number in range(sessions)])
+        counted: list[None] = []
+        with SqliteJournal(folder / "caesura-1.sqlite") as journal:
+            journal._reader.set_progress_handler(lambda: counted.append(None), 1)
+            stored = StoredSessions(journal, lambda: INDEX, lambda _station: True)
+            list(stored.page(lambda _key: True, StoredPage(), *asked))
+        return len(counted)
+
+    few, many = steps(300), steps(900)
+    assert few == pytest.approx(many, rel=0.01)
+
+
+def test_pages_of_any_filter_are_the_parts_of_one_list(two_stations: Caesura):
+    everything = [f"s{number:05d}" for number in range(80)]
+    stored = everything[47::-1]
+
+    def pages(station: str, session: str) -> list[str]:
+        found, page = list[str](), ["first"]
+        while page:
+            key = session_key(station, "*", "snapshot").replace("/*/snapshot", f"/{session}/snapshot")
+            wanted = stored_parameters(StoredPage(5, len(found)))
+            page = names(query.decoded(two_stations.transport.query(key, parameters=wanted), Snapshot))
+            found += page
+        return found
+
+    assert pages("*", "*") == stored
+    assert pages("cell-1", "*") == [name for name in stored if int(name[1:]) % 2 == 0]
+    assert pages("*", "s0001$*") == [name for name in stored if name.startswith("s0001")]
+    assert pages("cell-2", "s0001$*") == ["s00019", "s00017", "s00015", "s00013", "s00011"]
+    assert pages("*", "s0001") == pages("*", "s000010") == []
 
 
 def test_a_station_that_made_room_for_another_is_stored_and_taught_again(tmp_path: Path):

@@ -86,6 +86,7 @@ class Service:
             clock=steady_clock(),
             stop=stop,
             join=join,
+            journal=None if self._file is None else _opened(self._file),
         )
         self.ready = False  # joined and declared: it can be found
         self._observed = MetricsSource(
@@ -106,9 +107,6 @@ class Service:
             if self.web is not None:
                 stack.enter_context(self.web)
             stack.enter_context(_switching_often())
-            if self._file is not None:
-                stack.enter_context(self._file)
-                stack.enter_context(SPOOL.within(self._file.path.parent))
             stack.enter_context(self._edge)
             self._stack = stack.pop_all()
         self.ready = True
@@ -231,6 +229,13 @@ def _wait_for_stdin(over: threading.Event) -> None:
     while os.read(0, 1024):  # unbuffered: a buffer that a daemon thread holds would stop the interpreter
         pass
     over.set()
+
+
+@contextmanager
+def _opened(journal: SqliteJournal) -> Iterator[None]:
+    """Open a journal, with the overflow file of its sessions beside it. Raises JournalError."""
+    with journal, SPOOL.within(journal.path.parent):
+        yield
 
 
 def _journal_on_disk(config: ServiceConfig) -> SqliteJournal | None:

@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from caesura_protocol.keys import check_name
+from caesura_protocol.transport.default_endpoint import endpoint_error
 from caesura_service.journal import JournalSettings
+from caesura_service.server.network_interface import NetworkError
 from caesura_service.server.network_join import NetworkSettings
 from caesura_service.server.rate_limit_settings import RateLimits
 from caesura_service.server.work_queue import QueueSettings
@@ -30,7 +32,7 @@ def journal_path(directory: Path, instance: str) -> Path:
 
 @dataclass(frozen=True)
 class ServiceConfig:
-    """The settings of an instance. Raises ProtocolError for an invalid name.
+    """The settings of an instance. Raises ProtocolError for an invalid name, NetworkError for an endpoint.
 
     journal: the directory of the instance's journal, which instances on one router and one machine share;
     None keeps it in memory.
@@ -53,6 +55,9 @@ class ServiceConfig:
     def __post_init__(self) -> None:
         check_name(self.instance, "instance")
         check_name(self.preset, "preset")
+        for endpoint in (self.listen, self.connect):
+            if endpoint is not None and (why := endpoint_error(endpoint)) is not None:
+                raise NetworkError(why)
 
     @property
     def network(self) -> NetworkSettings:

@@ -6,6 +6,7 @@ How it leaves at a signal is tested with an interpreter of its own; every other 
 from __future__ import annotations
 
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -90,6 +91,31 @@ def test_a_second_one_on_the_same_endpoint_says_why_not():
         assert process.returncode == 1
     assert "Address already in use" in said
     assert "Traceback" not in said
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        (("--listen", "x"), "'x' is no endpoint: write it as tcp/127.0.0.1:7447"),
+        (("--connect", "x"), "'x' is no endpoint: write it as tcp/127.0.0.1:7447"),
+        (("--listen", "tcp/127.0.0.1:99999"), "port 99999, expected 0 to 65535"),
+        (("--connect", "tcp/127.0.0.1:99999"), "port 99999, expected 0 to 65535"),
+        (("--listen", "foo/127.0.0.1:0"), "protocol 'foo', expected one of tcp, tls"),
+        (("--listen", "tcp/0.0.0.0:0"), "say --insecure"),
+        (("--listen", "tcp/127.0.0.1:{taken}"), "Address already in use"),
+        (("--zenoh-config", "{config}"), "lost.pem: No such file"),
+    ],
+)
+def test_an_endpoint_that_is_refused_leaves_no_journal(options: tuple[str, ...], why: str, tmp_path):
+    """Each made a journal first, in a directory that was wrong as often as the endpoint."""
+    config, journal = tmp_path / "router.json5", tmp_path / "journal"
+    tls = '{tls: {listen_certificate: "lost.pem", listen_private_key: "lost.pem"}}'
+    config.write_text(f'{{listen: {{endpoints: ["tls/127.0.0.1:0"]}}, transport: {{link: {tls}}}}}')
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        names = {"taken": taken.getsockname()[1], "config": config}
+        said = refused(*(one.format(**names) for one in options), "--journal", str(journal))
+    assert why in said
+    assert not journal.exists()
 
 
 def test_a_name_that_is_no_name_is_refused():

@@ -1,6 +1,7 @@
 """One contract for both transports, and what only a real network can do."""
 
 import doctest
+import re
 import threading
 
 import pytest
@@ -9,8 +10,8 @@ from caesura_clients import connect, service_liveliness
 from caesura_protocol import recording
 from caesura_protocol.codec import Encoded, encode_error
 from caesura_protocol.errors import CaesuraError, ProtocolError, Unreachable
+from caesura_protocol.transport import default_endpoint, memory, zenoh_transport
 from caesura_protocol.transport import inbox as inbox_module
-from caesura_protocol.transport import memory, zenoh_transport
 from caesura_protocol.transport.default_endpoint import DEFAULT_ENDPOINT
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
 from caesura_protocol.transport.memory import intersect
@@ -171,7 +172,7 @@ def test_a_full_inbox_is_full_of_bytes_too_and_one_item_always_fits():
 
 @pytest.mark.parametrize(
     "module",
-    [service_liveliness, inbox_module, memory, recording, zenoh_transport],
+    [default_endpoint, service_liveliness, inbox_module, memory, recording, zenoh_transport],
     ids=lambda one: one.__name__,
 )
 def test_the_examples_in_docstrings_hold(module):
@@ -220,6 +221,23 @@ def test_a_config_file_is_read_and_the_settings_still_hold(router, tmp_path):
     file.write_text('{metadata: {name: "cell-1"}, scouting: {multicast: {enabled: true}}}')
     with ZenohTransport(router.endpoint, config_file=file, timeout_s=DEADLINE_S) as transport:
         assert transport.list_tokens("a/*") == ()
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "why"),
+    [
+        ("tcp/127.0.0.1:99999", "port 99999, expected 0 to 65535"),
+        ("tpc/127.0.0.1:7447", "protocol 'tpc', expected one of tcp, tls"),
+        ("tcp/127.0.0.1", "'tcp/127.0.0.1' is no endpoint: write it as tcp/127"),
+    ],
+)
+def test_an_endpoint_that_no_router_can_have_is_refused_at_once(endpoint: str, why: str, tmp_path):
+    """Bridge, recorder and dashboard asked for ever whether the service was running."""
+    file = tmp_path / "client.json5"
+    file.write_text(f'{{connect: {{endpoints: ["{endpoint}"]}}}}')
+    for given in ((endpoint, None), (None, file)):
+        with pytest.raises(CaesuraError, match=re.escape(why)):
+            endpoint_of(*given)
 
 
 @pytest.mark.parametrize("named", ['["{0}"]', '{{"client": ["{0}"], "router": []}}'])

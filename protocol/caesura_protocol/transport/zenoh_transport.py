@@ -25,7 +25,7 @@ import zenoh
 from caesura_protocol.codec import MESSAGE_TYPES, Encoded, decode_error
 from caesura_protocol.errors import CaesuraError, ProtocolError, Unreachable
 from caesura_protocol.keys import expression_matches
-from caesura_protocol.transport.default_endpoint import DEFAULT_ENDPOINT
+from caesura_protocol.transport.default_endpoint import DEFAULT_ENDPOINT, endpoint_error
 from caesura_protocol.transport.diagnosis import diagnose_connection, listener_certificate_end
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
 from caesura_protocol.transport.transport_interface import (
@@ -282,6 +282,8 @@ def _config(endpoint: str | None, config_file: Path | None) -> zenoh.Config:
     try:
         config = zenoh.Config() if config_file is None else zenoh.Config.from_file(config_file)
         where = [endpoint] if endpoint else _endpoints(config) or [DEFAULT_ENDPOINT]
+        if (why := next(filter(None, map(endpoint_error, where)), None)) is not None:
+            raise CaesuraError(why if config_file is None else f"{config_file}: {why}")
         own = {"mode": "client", "connect/endpoints": where, "connect/timeout_ms": ATTEMPT_MS}
         for key, value in {**SETTINGS, **own}.items():
             config.insert_json5(key, json.dumps(value))

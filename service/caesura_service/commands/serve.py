@@ -13,6 +13,7 @@ import typer
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import check_name
+from caesura_protocol.transport.default_endpoint import DEFAULT_ENDPOINT
 from caesura_protocol.transport.diagnosis import CERTIFICATE_WARNS_S
 from caesura_service.app import Service, run_service, stopping
 from caesura_service.changepoint.presets import PRESETS
@@ -33,7 +34,6 @@ from caesura_service.journal.retention import DAY_S, GB
 from caesura_service.monitoring.http_server import WebError
 from caesura_service.monitoring.logs import LEVELS, LOG_FORMATS, UnknownOption, log_to
 from caesura_service.server import NetworkError
-from caesura_service.server.network_join import DEFAULT_ENDPOINT
 
 logger = logging.getLogger(__name__)
 

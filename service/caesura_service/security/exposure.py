@@ -15,8 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from caesura_protocol.transport.default_endpoint import DEFAULT_ENDPOINT
-
 Read = Callable[[str], Any]  # of a configuration, by path; None where there is nothing
 Resolve = Callable[[str], Sequence[str]]  # addresses of a host
 
@@ -91,11 +89,7 @@ def presented_credentials(endpoint: str, read: Read) -> Credentials:
 
 
 def exposure_error(endpoint: str) -> str:
-    """Return why the service must not listen on an open or invalid endpoint, with the remedies."""
-    parsed = parse_endpoint(endpoint)
-    host, _, port = parsed.address.rpartition(":")
-    if not parsed.protocol or not host or not port.isdecimal():
-        return f"{endpoint!r} is no endpoint: write it as {DEFAULT_ENDPOINT} or tls/[::]:7447"
+    """Return why the service must not listen on an open endpoint, with the remedies."""
     return (
         f"{endpoint} can be reached from other machines, where every client may do anything: "
         "demand credentials (caesura certs DIR makes certificates and a router.json5 for --zenoh-config), "

@@ -29,6 +29,7 @@ from typing import Any
 
 import zenoh
 
+from caesura_protocol.transport.default_endpoint import DEFAULT_ENDPOINT, endpoint_error
 from caesura_protocol.transport.diagnosis import diagnose_connection, pem_of
 from caesura_protocol.transport.zenoh_transport import reason
 from caesura_service.security import exposure
@@ -45,7 +46,6 @@ from caesura_service.server.zenoh_network import ZenohNetwork
 
 logger = logging.getLogger(__name__)
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 QUERY_TIMEOUT_S = 2.0
 SETTINGS: Mapping[str, Any] = {
     "scouting/multicast/enabled": False,
@@ -123,10 +123,11 @@ def join(settings: NetworkSettings, stop: threading.Event) -> tuple[ZenohNetwork
     os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)  # read when a process opens its first session
     config = _config(settings.config_file)
     if settings.connect is not None:
+        _check_endpoint(settings.connect)
         session = _join_as_client(config, settings.connect, settings, stop)
         return ZenohNetwork(session), settings.connect
     _check_is_for_a_router(config, settings.config_file)
-    endpoints = [_with_port(endpoint) for endpoint in _endpoints(config, settings)]
+    endpoints = [_with_port(_check_endpoint(endpoint)) for endpoint in _endpoints(config, settings)]
     _check_exposure(endpoints, config, insecure=settings.insecure)
     own = {
         "mode": "router",
@@ -183,15 +184,15 @@ def _config(file: Path | None) -> zenoh.Config:
 
 
 def _insert(config: zenoh.Config, settings: Mapping[str, Any]) -> None:
-    """Insert settings into a configuration. Raises NetworkError for an invalid endpoint."""
     for key, value in settings.items():
-        try:
-            config.insert_json5(key, json.dumps(value))
-        except zenoh.ZError as error:
-            if not key.endswith("/endpoints"):
-                raise
-            what = f"{', '.join(value)}: {reason(error)}; expected for example {DEFAULT_ENDPOINT}"
-            raise NetworkError(what) from error
+        config.insert_json5(key, json.dumps(value))
+
+
+def _check_endpoint(endpoint: str) -> str:
+    """Return the endpoint. Raises NetworkError if Zenoh can neither listen on it nor connect to it."""
+    if (why := endpoint_error(endpoint)) is not None:
+        raise NetworkError(why)
+    return endpoint
 
 
 def _reader(config: zenoh.Config) -> exposure.Read:
@@ -247,9 +248,19 @@ def _open_session(config: zenoh.Config, endpoint: str) -> zenoh.Session:
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        why = reason(error)
+        why = _unreadable(config) or reason(error)
         advice = "; choose another, or end what uses it" if why == _TAKEN else ""
         raise NetworkError(f"{endpoint}: {why}{advice}") from error
+
+
+def _unreadable(config: zenoh.Config) -> str | None:
+    """Return the first file that cannot be read, with the reason: Zenoh does not name it."""
+    for path in filter(None, map(_reader(config), _PATHS)):
+        try:
+            Path(path).read_bytes()
+        except OSError as error:
+            return f"{path}: {error.strerror}"
+    return None
 
 
 def _connect(

@@ -13,7 +13,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from functools import partial
 from types import TracebackType
 from typing import Self
@@ -21,6 +21,7 @@ from typing import Self
 from caesura_protocol.keys import service_key, session_key, station_key
 from caesura_protocol.messages import ServiceStatus
 from caesura_protocol.token_bucket import LOG_RATE, RateLimit
+from caesura_protocol.transport.default_endpoint import DEFAULT_ENDPOINT
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.decimation import SampleReader
 from caesura_service.ownership.registry import Registry
@@ -44,7 +45,7 @@ from caesura_service.server.key_publishers import put
 from caesura_service.server.live_tokens import SERVICES, TokenChanges, query_live_tokens
 from caesura_service.server.muted_sources import MutedSources
 from caesura_service.server.network_interface import Incoming, Network, NetworkError
-from caesura_service.server.network_join import DEFAULT_ENDPOINT, Join, NetworkSettings, join, lets_in
+from caesura_service.server.network_join import Join, NetworkSettings, join, lets_in
 from caesura_service.server.outbound import ResultPublisher
 from caesura_service.server.overload_monitor import OverloadMonitor
 from caesura_service.server.query_server import QueryServer, size_refusal, too_many_waiting
@@ -81,9 +82,12 @@ class ZenohServer:
         clock: Callable[[], float] = time.monotonic,
         stop: threading.Event | None = None,
         join: Join = join,
+        journal: AbstractContextManager[object] | None = None,
     ) -> None:
         """samples: reads samples from the journal; stop: set when the process no longer waits for a router.
 
+        journal: opens the journal while the context lasts. A router opens it once it listens, so that a
+        refused endpoint leaves no file; a client opens it first, because it may wait long for its router.
         join: joins the network by its settings; `memory_network.in_memory` needs none.
         """
         # Once entered, the real one, with its port.
@@ -97,6 +101,7 @@ class ZenohServer:
         self._clock = clock
         self._stop = stop or threading.Event()
         self._join = join
+        self._journal = journal or nullcontext()
         self._queue: WorkQueue[Arrival] = WorkQueue(queue or QueueSettings(), announced=True)
         self._worker: Worker | None = None
         rates = rates or RateLimits()
@@ -116,9 +121,14 @@ class ZenohServer:
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        network, self.endpoint = self._join(self._settings, self._stop)
         with ExitStack() as stack:
+            is_client = self._settings.connect is not None
+            if is_client:
+                stack.enter_context(self._journal)
+            network, self.endpoint = self._join(self._settings, self._stop)
             stack.callback(network.close)
+            if not is_client:
+                stack.enter_context(self._journal)
             stack.enter_context(self._stored)
             stack.enter_context(self._queries)
             stack.enter_context(self._samples)

@@ -185,9 +185,7 @@ def test_a_client_that_shows_nothing_to_another_machine_is_warned(caplog):
 @pytest.mark.parametrize("where", ["connect", "listen"])
 def test_an_endpoint_that_is_none_is_named_with_one_that_is(where):
     """`caesura serve --connect x` printed a traceback."""
-    with pytest.raises(
-        NetworkError, match=r"^x: .*<protocol>/<address>.*; expected for example tcp/127"
-    ) as no:
+    with pytest.raises(NetworkError, match=r"^'x' is no endpoint: write it as tcp/127") as no:
         join(NetworkSettings(**{where: "x"}, insecure=True), threading.Event())
     assert "\n" not in str(no.value)
 
@@ -202,7 +200,6 @@ def test_the_file_of_a_client_is_not_served_with(tmp_path):
     "endpoint", ["127.0.0.1:7447", "nonsense", "tcp/localhost", "tcp/:7447", "tcp/[::]:http"]
 )
 def test_what_is_no_endpoint_is_not_said_to_be_reached_from_other_machines(endpoint):
-    assert exposure.exposure_error(endpoint).startswith(
-        f"{endpoint!r} is no endpoint: write it as tcp/127.0.0.1:7447"
-    )
+    with pytest.raises(NetworkError, match=r"is no endpoint: write it as tcp/127"):
+        join(NetworkSettings(listen=endpoint), threading.Event())
     assert exposure.exposure_error("tcp/0.0.0.0:7447").startswith("tcp/0.0.0.0:7447 can be reached")

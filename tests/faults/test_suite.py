@@ -5,10 +5,12 @@ from __future__ import annotations
 import sys
 from concurrent.futures import Future
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
+from caesura_protocol.messages import Edit, Insert, Snapshot
 from faults.suite import (
     disk_calls,
     disks,
@@ -18,6 +20,7 @@ from faults.suite import (
     lines,
     losses,
     neighbours,
+    old_session,
     reference,
     rings,
 )
@@ -80,6 +83,22 @@ def test_an_attacker_that_does_nothing_proves_nothing(attacker, tmp_path, monkey
     row = neighbours.hostile_station("dense", tmp_path, Scale(stations=1, seconds=4.0, pace=2.0))
     assert (row.lost, row.equal, row.met) == (0, "yes", False)
     assert "expected {'put': 4000" in row.note
+
+
+@pytest.mark.parametrize("is_other", [False, True])
+def test_an_old_session_is_edited_beside_others_and_another_result_is_not_met(
+    is_other, tmp_path, monkeypatch
+):
+    undisturbed = old_session.undisturbed
+
+    def other(directory: Path, edit: Edit) -> tuple[Snapshot, float]:
+        return undisturbed(directory, edit.model_copy(update={"action": Insert(t=5.5)}))
+
+    monkeypatch.setattr(old_session, "undisturbed", other if is_other else undisturbed)
+    row = old_session.old_session_edited(tmp_path, Scale(stations=1, seconds=4.0, pace=2.0), seconds=20.0)
+    assert (row.sent, row.lost, row.equal) == (800, 0, "yes")
+    assert f"the edit's result is {'not ' if is_other else ''}equal" in row.note
+    assert not (is_other and row.met)
 
 
 @pytest.mark.parametrize("fault", [losses.power_loss, io_errors.io_errors, disk_calls.disk_calls])

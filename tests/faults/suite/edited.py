@@ -18,7 +18,7 @@ from pathlib import Path
 
 from caesura_clients import connect
 from caesura_protocol.codec import pack_samples
-from caesura_protocol.messages import Ack, Edit, Insert, Open, Snapshot
+from caesura_protocol.messages import Ack, Close, Edit, Insert, Open, Snapshot
 from caesura_service.journal import SqliteJournal
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Owner, Reply
@@ -107,31 +107,35 @@ def registry_on(journal: SqliteJournal) -> Registry:
     )
 
 
-def write(directory: Path, seconds: float, edits: int) -> Snapshot:
-    """An open session on the journal of that directory, edited at equal intervals while it goes on."""
+def write(
+    directory: Path, seconds: float, edits: int, *, station: str = STATION, closes: bool = False
+) -> Snapshot:
+    """A session on the journal of that directory, edited at equal intervals while it goes on."""
     recording = taught(0, seconds)
     rows, columns = recording.matrix(), recording.columns
     began = time.time() - seconds  # the journal keeps nothing that is too old
-    directory.mkdir()
+    directory.mkdir(exist_ok=True)
     with SqliteJournal(directory / JOURNAL) as journal:
         registry = registry_on(journal)
         registry.handle_command(
-            STATION, Open(session=SESSION, columns=columns, wrench_source="flange_sensor"), began
+            station, Open(session=SESSION, columns=columns, wrench_source="flange_sensor"), began
         )
-        made = 0
-        for seq in range(len(rows) // BATCH):
+        made, batches = 0, len(rows) // BATCH
+        for seq in range(batches):
             batch = rows[seq * BATCH : (seq + 1) * BATCH]
             t = float(batch[-1, 0])
             now = began + t
             packed = pack_samples(batch, columns, session=SESSION, epoch=0, seq=seq)
-            registry.handle_samples(STATION, packed, now)
+            registry.handle_samples(station, packed, now)
             if made < edits and t > 0.9 * seconds * (made + 1) / edits:
                 edit = Edit(session=SESSION, revision=made, author="Ann", action=Insert(t=0.7 * t))
                 (reply,) = [
-                    one.reply for one in registry.handle_command(STATION, edit, now) if isinstance(one, Reply)
+                    one.reply for one in registry.handle_command(station, edit, now) if isinstance(one, Reply)
                 ]
                 assert isinstance(reply, Ack), reply
                 made += 1
+        if closes:
+            registry.handle_command(station, Close(session=SESSION, last_seq=batches - 1), began + seconds)
         (standing,) = registry.index.all_states()
         return snapshot_of(standing)
 

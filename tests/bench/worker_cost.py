@@ -10,6 +10,7 @@ DIRECTORY: another checkout, as of `git worktree add DIRECTORY COMMIT`, whose ke
 
 from __future__ import annotations
 
+import inspect
 import os
 import statistics
 import subprocess
@@ -148,7 +149,7 @@ def slices(stations: int) -> Iterator[Costs]:
         server.budgets = budgets = Budgets(RateLimits(), clock=lambda: now[0])
         network: Any = Unread()
         manager: Any = Idle()
-        publisher = ResultPublisher(network, server._queue, budgets, lanes=manager)
+        publisher = publisher_of(network, server._queue, budgets)
         worker = Worker(registry, manager, server._queue, publisher, budgets, lambda: now[0])
         plan, next_tick_s = planned(registry, stations), 0.0
         while arrivals := list(islice(plan, IN_A_SLICE * stations)):
@@ -166,6 +167,17 @@ def slices(stations: int) -> Iterator[Costs]:
                 spent = time.process_time() - began[0], time.thread_time() - began[1]
                 yield 1e6 * spent[0] / len(arrivals), 1e6 * spent[1] / len(arrivals)
         sys.stdin.readline()  # the end of the process is the answer
+
+
+def publisher_of(network: Any, *queue_and_budgets: Any) -> ResultPublisher:
+    """Return what publishes the results; in an older checkout it makes the publishers of its keys itself."""
+    given: list[Any] = [network, *queue_and_budgets, None]  # no lanes: no station asks, or is asked
+    if "publishers" in inspect.signature(ResultPublisher).parameters:
+        from caesura_service.server.blocking_sends import Lanes  # noqa: PLC0415
+        from caesura_service.server.key_publishers import KeyPublishers  # noqa: PLC0415
+
+        given.append(KeyPublishers(network, Lanes()))
+    return ResultPublisher(*given)
 
 
 def planned(registry: InstrumentedRegistry, stations: int) -> Iterator[tuple[float, str, Encoded]]:

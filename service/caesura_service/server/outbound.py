@@ -10,8 +10,6 @@ import logging
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
-from types import TracebackType
-from typing import Self
 
 from caesura_protocol.codec import Encoded, encode_error
 from caesura_protocol.errors import ProtocolError
@@ -74,25 +72,22 @@ STREAMS: Mapping[type[Result], SessionPart] = {
 
 
 class ResultPublisher:
-    """Publishes and queries over one network session while the context lasts; only the worker calls it."""
+    """Publishes and queries over one network session; only the worker calls it."""
 
-    def __init__(self, network: Network, queue: WorkQueue[Arrival], budgets: Budgets, lanes: Lanes) -> None:
-        """lanes: for replies and requests. Results have their own: a reply does not wait for them."""
+    def __init__(
+        self,
+        network: Network,
+        queue: WorkQueue[Arrival],
+        budgets: Budgets,
+        lanes: Lanes,
+        publishers: KeyPublishers,
+    ) -> None:
+        """lanes: for replies and requests. The publishers have others: no reply waits for a result."""
         self._network = network
-        self._result_lanes = Lanes()
-        self._publishers = KeyPublishers(network, self._result_lanes)
+        self._publishers = publishers
         self._queue, self._budgets, self._lanes = queue, budgets, lanes
         self._under_way = 0
         self._waiting: dict[tuple[str, str], RequestReplay] = {}
-
-    def __enter__(self) -> Self:
-        self._result_lanes.__enter__()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._result_lanes.__exit__(kind, error, trace)
 
     def publish(self, publish: Publish) -> None:
         """Publish a result on its key. A failure is logged: the snapshot still has the result."""

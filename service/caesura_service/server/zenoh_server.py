@@ -41,7 +41,7 @@ from caesura_service.server.inbound import (
     lane_of_query,
     source_of_key,
 )
-from caesura_service.server.key_publishers import put
+from caesura_service.server.key_publishers import KeyPublishers, put
 from caesura_service.server.live_tokens import SERVICES, TokenChanges, query_live_tokens
 from caesura_service.server.muted_sources import MutedSources
 from caesura_service.server.network_interface import Incoming, Network, NetworkError
@@ -142,8 +142,10 @@ class ZenohServer:
             station_manager = StationManager(
                 self._registry, self._owner.instance, subscriptions.set, self._clock
             )
-            lanes = stack.enter_context(Lanes())
-            publisher = stack.enter_context(ResultPublisher(network, self._queue, self.budgets, lanes))
+            replies, results = stack.enter_context(Lanes()), stack.enter_context(Lanes())
+            publisher = ResultPublisher(
+                network, self._queue, self.budgets, replies, KeyPublishers(network, results)
+            )
             self._worker = Worker(
                 self._registry, station_manager, self._queue, publisher, self.budgets, self._clock
             )

@@ -12,6 +12,7 @@ from caesura_service.publishing.events import RequestReplay
 from caesura_service.server.blocking_sends import Lanes
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import Arrival, ReplayFinished
+from caesura_service.server.key_publishers import KeyPublishers
 from caesura_service.server.outbound import REPLAYS, ResultPublisher
 from caesura_service.server.rate_limit_settings import RateLimits
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
@@ -43,7 +44,9 @@ def closed() -> ZenohNetwork:
 def test_a_question_that_fails_ends_once_and_the_next_ones_go(network: Callable[[], Any]):
     inbox: WorkQueue[Arrival] = WorkQueue(QueueSettings())
     with Lanes() as lanes:
-        outgoing = ResultPublisher(network(), inbox, Budgets(RateLimits()), lanes)
+        session = network()
+        publishers = KeyPublishers(session, lanes)
+        outgoing = ResultPublisher(session, inbox, Budgets(RateLimits()), lanes, publishers)
         for number in range(ASKED):
             outgoing.request_replay(RequestReplay(f"cell-{number}", "s1", 0, 9))
         ended: list[str] = []

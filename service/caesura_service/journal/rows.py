@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
 from caesura_protocol.codec import decode, encode, encoding_of
@@ -45,6 +45,10 @@ logger = logging.getLogger(__name__)
 
 PAGE = 500  # records read at once
 ROW_BYTES = 100  # of a record beside its payload
+DAMAGED_OUTCOME = (
+    "the outcome of %s is damaged: a session that the service holds is rebuilt from its records; of an older "
+    "one, `caesura sessions export` writes the samples"
+)
 _RECORDABLE: tuple[type[Recordable], ...] = (
     Open,
     SampleBatch,
@@ -181,11 +185,22 @@ def pages_of(database: sqlite3.Connection, session: SessionRow, last: int) -> It
 
 
 def outcome_of(
-    key: Key, _session_id: int, opening: bytes, last_seq: int, snapshot: bytes, crc: int | None = None
+    key: Key,
+    _session_id: int,
+    opening: bytes,
+    last_seq: int,
+    snapshot: bytes,
+    crc: int | None = None,
+    *,
+    may_log: Callable[[str], bool] = lambda _session: True,
 ) -> Outcome | None:
-    """Decode an outcome; None if it is damaged or in an older format."""
+    """Decode an outcome; None if it is damaged or in an older format.
+
+    may_log: returns whether the damage of a session is logged now.
+    """
     if not is_intact(crc, *key, opening, last_seq, snapshot):
-        logger.warning("the outcome of %s is damaged: the session is rebuilt from its records", "/".join(key))
+        if may_log(name := "/".join(key)):
+            logger.warning(DAMAGED_OUTCOME, name)
         return None
     try:
         return Outcome(

@@ -22,6 +22,7 @@ from types import TracebackType
 from typing import Self
 
 from caesura_protocol.messages import Edit, EditProgram, JournalReport
+from caesura_protocol.token_bucket import LOG_RATE, RateLimit
 from caesura_service.journal.applied_edits import AppliedEdit
 from caesura_service.journal.damaged_file import (
     integrity_error,
@@ -117,6 +118,7 @@ class SqliteJournal(SqliteWriter):
         self._next_look_s = 0.0  # [s]
         self._skipped_looks = 0  # looks, since the last one
         self._has_compared_clock = False
+        self._log_rate = RateLimit(LOG_RATE)  # of damaged outcomes, which any query may read again
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -236,7 +238,8 @@ class SqliteJournal(SqliteWriter):
             return waiting
         with self._reading, map_sqlite_errors(self.path):
             found = self._reader.execute(SELECT_OUTCOME, (station, session)).fetchone()
-        return None if found is None else outcome_of((station, session), *found)
+        key = (station, session)
+        return None if found is None else outcome_of(key, *found, may_log=self._log_rate.allows)
 
     def outcomes(self, station: str | None = None, session: str | None = None) -> Iterator[StoredOutcome]:
         """Yield the sessions with an outcome, the newest first; they are read a page at a time."""

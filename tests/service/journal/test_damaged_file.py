@@ -16,6 +16,7 @@ import pytest
 from caesura_protocol.messages import Ack, Edit, Insert, Undo
 from caesura_service.journal import JournalError, JournalSettings, PeerJournals, Record, SqliteJournal
 from caesura_service.journal.journal import Refused
+from caesura_service.journal.rows import DAMAGED_OUTCOME
 from caesura_service.journal.sqlite_database import COLUMNS_4
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.session_state import program_of
@@ -175,10 +176,7 @@ def test_a_damaged_outcome_is_rebuilt_from_the_records(written, tmp_path, caplog
     spoil(path, "UPDATE outcomes SET last_seq = last_seq + 1")
     found, said = after_restart(path, caplog)
     assert found[0] == expected[0]
-    assert sorted(said) == [
-        f"the outcome of {name} is damaged: the session is rebuilt from its records"
-        for name in ("cell-1/s2", "cell-2/s1")
-    ]
+    assert sorted(said) == [DAMAGED_OUTCOME % name for name in ("cell-1/s2", "cell-2/s1")]
 
 
 def test_a_closed_session_with_a_damaged_record_can_be_asked_for_and_not_be_corrected(

@@ -249,6 +249,19 @@ def test_a_page_waits_for_no_write_of_the_journal(tmp_path: Path):
             assert names(page.result(DEADLINE_S)) == ["s2", "s1"]
 
 
+def test_a_damaged_outcome_is_logged_once_however_often_it_is_asked_for(tmp_path: Path, caplog):
+    """Each query logged a line, and stated that the session is rebuilt, which only the last ones are."""
+    write_short_sessions(tmp_path, [("cell-1", name) for name in NAMES[:3]])
+    path = tmp_path / "caesura-1.sqlite"
+    with closing(sqlite3.connect(path)) as file, file:
+        file.execute("UPDATE outcomes SET snapshot = x'00' WHERE session_id = 2")
+    with SqliteJournal(path) as journal:
+        stored = StoredSessions(journal, lambda: INDEX, lambda _station: True)
+        for _ in range(20):
+            assert names([*stored.page(lambda _key: True, StoredPage())]) == ["s02", "s00"]
+    assert caplog.text.count("the outcome of cell-1/s01 is damaged") == 1
+
+
 def test_sessions_without_an_outcome_do_not_fill_a_page(tmp_path: Path):
     for i in range(6):
         name = f"s{i}"

@@ -1,6 +1,7 @@
 // A double click presses one button. Where a click has changed something, another button may stand at its place at once,
 // such as Restore in the place of Delete: for half a second a click there presses none. The same button, pressed again,
-// would do it again, such as Copy, or take it back, such as Yes. Only one of class `repeats` counts twice, such as Undo.
+// would do it again, such as Copy, or take it back, such as Yes. Only one of class `repeats` counts twice, such as Undo,
+// and Stop, which names what it ends.
 const AGAIN_MS = 500, NEAR = 16; // pixels
 const UNDER_WAY_MS = 100; // so soon after a click what it changes is asked for
 let last = null, counted = null; // clicks, the latter the last one that has changed something

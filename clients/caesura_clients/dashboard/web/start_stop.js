@@ -25,7 +25,7 @@ export default {
         <datalist id="desk-tasks"><option v-for="one in tasks" :key="one" :value="one"></option></datalist>
         <label>Operator <input class="operator" v-model="operator" maxlength="64" placeholder="optional" autocomplete="name"></label>
         <button class="start large" type="submit" :disabled="!canStart || busy !== ''" aria-describedby="desk-why">Start</button>
-        <button class="stop large" type="button" :disabled="!canStop || busy !== ''" @click="stop" aria-describedby="desk-why">Stop</button>
+        <button class="stop large repeats" type="button" :disabled="!canStop || busy !== ''" @click="stop" aria-describedby="desk-why">Stop</button>
       </form>
     </section>`,
   computed: {

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
-from queue import SimpleQueue
 from typing import Self
 
 import pytest
@@ -15,21 +14,27 @@ pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard
 
 from playwright.sync_api import Page, expect
 
-from caesura_clients.bridge.query_responder import QueryThread
+from caesura_clients.demonstration_control import CONTROL_TIMEOUT_S
 from caesura_protocol.codec import decode, encode, encode_error
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import ErrorCode, ProtocolError
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import BridgeAck, BridgeControl, BridgeStatus, Start, Stop
-from caesura_protocol.transport.inbox import IncomingQuery
+from caesura_protocol.messages.field_types import BridgeState
+from caesura_protocol.transport.inbox import Inbox, IncomingQuery, ReceivedSample, TokenChange
 from caesura_protocol.transport.transport_interface import Transport
 from dashboard.browser import DESK, PATIENCE_MS, Visitor, needs_chromium
 from dashboard.stage import Stage
+from harness.demonstrations import guided
 from harness.processes import DEADLINE_S
 
 pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
 STATION = "cell-1"
+REPEATED_S = 0.2  # the status of a bridge
 SOON_MS = 200  # within half a second a second click counts as a double click
+UNANSWERED_S = CONTROL_TIMEOUT_S / 2  # in which no command without an answer is given up
+AT_ONCE = 40  # presses; more than the 32 threads that Python offers at most
+DISCONNECT = "() => { window.socket.emit = () => {}; }"  # as a connection that is lost, and never comes back
 # A click of the mouse at a time of the page's clock [ms]; the first one is now.
 CLICK = """(button, at) => {
   const { x: clientX, y: clientY } = button.getBoundingClientRect();
@@ -38,18 +43,36 @@ CLICK = """(button, at) => {
   button.dispatchEvent(click);
   return click.timeStamp;
 }"""
-REPEATED_S = 0.2  # the status of a bridge
-Answer = BridgeAck | ProtocolError | None
+# The component of an element sends a request so often.
+ASK = """(element, [request, count]) => {
+  const component = getElement(Number(element.id.replace("c", "")));
+  for (let i = 0; i < count; i += 1) component.$emit("ask", request);
+}"""
+
+
+class Asked:
+    """A command that a bridge has received, until it is answered."""
+
+    def __init__(self, command: Start | Stop, query: IncomingQuery) -> None:
+        self.command, self._query = command, query
+
+    def done(self, session: str, state: BridgeState) -> None:
+        """The bridge, which is in this state now, acknowledges it."""
+        with self._query:
+            key = station_key(STATION, "bridge_control")
+            self._query.reply(key, encode(BridgeAck(session=session, state=state)))
+
+    def refuse(self, code: ErrorCode, why: str) -> None:
+        with self._query:
+            self._query.refuse(encode_error(ProtocolError(code, why)))
 
 
 class ScriptedBridge:
-    """A bridge in standby whose status and answers the test sets."""
+    """A bridge of cell-1 in standby whose states and answers the test sets."""
 
-    def __init__(self, transport: Transport, station: str = STATION) -> None:
-        self.asked: SimpleQueue[Start | Stop] = SimpleQueue()
-        self.answers: SimpleQueue[Answer] = SimpleQueue()
-        self._transport, self._station = transport, station
-        self._status = BridgeStatus(station=station, bridge="scripted", state="ready", source="scripted")
+    def __init__(self, transport: Transport) -> None:
+        self._transport, self._inbox = transport, Inbox()
+        self._status = BridgeStatus(station=STATION, bridge="scripted", state="ready", source="scripted")
         self._over, self._stack = threading.Event(), ExitStack()
 
     def __enter__(self) -> Self:
@@ -57,36 +80,35 @@ class ScriptedBridge:
         beat.start()
         self._stack.callback(beat.join)
         self._stack.callback(self._over.set)
-        self._stack.callback(self.answers.put, None)
-        alive = self._transport.declare_token(station_key(self._station, "alive"))
-        self._stack.enter_context(alive)
-        key = station_key(self._station, "bridge_control")
-        self._stack.enter_context(QueryThread(self._transport, key, self._take))
+        transport, control = self._transport, station_key(STATION, "bridge_control")
+        self._stack.enter_context(transport.declare_token(station_key(STATION, "alive")))
+        self._stack.enter_context(transport.declare_queryable(control, self._inbox))
         return self
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def states(self, state: str, session: str | None = None, **more: object) -> None:
-        """Publish a status."""
-        self._status = self._status.model_copy(update={"state": state, "session": session, **more})
+    def states(self, state: BridgeState, session: str | None = None) -> None:
+        """Publish another state."""
+        self._status = self._status.model_copy(update={"state": state, "session": session})
         self._publish()
 
+    def asked(self, kind: type[Start | Stop], within_s: float = DEADLINE_S) -> Asked:
+        """The next command, which is of this kind."""
+        query = self._inbox.get(within_s)
+        assert query is not None, "nothing was asked"
+        assert not isinstance(query, ReceivedSample | TokenChange)
+        assert query.content is not None
+        command = decode(*query.content, BridgeControl).command
+        assert isinstance(command, kind)
+        return Asked(command, query)
+
     def _publish(self) -> None:
-        self._transport.put(station_key(self._station, "bridge_status"), encode(self._status))
+        self._transport.put(station_key(STATION, "bridge_status"), encode(self._status))
 
     def _repeat(self) -> None:
         while not self._over.wait(REPEATED_S):
             self._publish()
-
-    def _take(self, asked: IncomingQuery) -> None:
-        assert asked.content is not None
-        self.asked.put(decode(*asked.content, BridgeControl).command)
-        answer = self.answers.get(timeout=DEADLINE_S)
-        if isinstance(answer, ProtocolError):
-            asked.refuse(encode_error(answer))
-        elif answer is not None:
-            asked.reply(station_key(self._station, "bridge_control"), encode(answer))
 
 
 @pytest.fixture
@@ -104,32 +126,161 @@ def page(stage: Stage, bridge: ScriptedBridge, opened: Visitor) -> Iterator[Page
     assert opened.errors == []
 
 
-def teach(page: Page, bridge: ScriptedBridge, session: str) -> None:
+def start(page: Page, bridge: ScriptedBridge, session: str) -> None:
     """Start a demonstration, which is taught from then on."""
     page.locator(".desk .task").press("Enter")
-    assert isinstance(bridge.asked.get(timeout=DEADLINE_S), Start)
+    asked = bridge.asked(Start)
     bridge.states("teaching", session)
-    bridge.answers.put(BridgeAck(session=session, state="teaching"))
+    asked.done(session, "teaching")
     expect(page.locator("button.stop")).to_be_enabled()
 
 
-def stopped(bridge: ScriptedBridge) -> str | None:
-    """The session that the bridge is asked to stop, and then stops."""
-    command = bridge.asked.get(timeout=DEADLINE_S)
-    assert isinstance(command, Stop)
-    bridge.states("ready", last_session=command.session, outcome="is stored")
-    bridge.answers.put(BridgeAck(session=command.session or "", state="ready"))
-    return command.session
+def stops(page: Page, bridge: ScriptedBridge, session: str) -> None:
+    """The bridge is asked to stop this demonstration, and stops it."""
+    asked = bridge.asked(Stop)
+    assert asked.command.session == session
+    bridge.states("ready")
+    asked.done(session, "ready")
+    expect(page.locator(".desk-state")).to_have_text("Ready")
 
 
 def test_a_stop_soon_after_the_last_one_is_carried_out(page: Page, bridge: ScriptedBridge):
     """It passed for a double click: the bridge taught on, and the page said nothing."""
     stop = page.locator("button.stop")
-    teach(page, bridge, "first")
+    start(page, bridge, "first")
     at = stop.evaluate(CLICK)
-    assert stopped(bridge) == "first"
-    expect(page.locator(".desk-state")).to_have_text("Ready")
-    teach(page, bridge, "second")
+    stops(page, bridge, "first")
+    start(page, bridge, "second")
     stop.evaluate(CLICK, at + SOON_MS)
-    assert stopped(bridge) == "second"
+    stops(page, bridge, "second")
+
+
+def test_a_refused_start_is_stated_until_another_demonstration(page: Page, bridge: ScriptedBridge):
+    """The state of the bridge came and went with the start, and took the reason along within 0.1 s."""
+    task, why = page.locator(".desk .task"), page.locator("#desk-why")
+    task.fill("wipe")
+    task.press("Enter")
+    asked = bridge.asked(Start)
+    bridge.states("starting", "first")
+    expect(page.locator(".desk-state")).to_have_text("Starting …")
+    asked.refuse("overloaded", "nothing was taught, try again: the journal is full")
+    expect(why).to_contain_text("the journal is full")
+    bridge.states("ready")
     expect(page.locator(".desk-state")).to_have_text("Ready")
+    expect(why).to_contain_text("the journal is full")
+    expect(task, "what is typed stays").to_have_value("wipe")
+    bridge.states("teaching", "of-another")
+    expect(page.locator(".desk-state")).to_contain_text("Teaching")
+    expect(why).to_contain_text("Stop ends this demonstration")
+
+
+def test_a_start_beside_the_demonstration_of_another_operator_says_so(page: Page, bridge: ScriptedBridge):
+    """The page went from Ready to Teaching as after a start of its own."""
+    why = page.locator("#desk-why")
+    page.locator(".desk .task").press("Enter")
+    asked = bridge.asked(Start)
+    asked.refuse("conflict", "cell-1 has demonstration first, which was started by Bo: stop it first")
+    expect(why).to_contain_text("was started by Bo")
+    bridge.states("teaching", "first")
+    expect(page.locator(".desk-state")).to_contain_text("Teaching")
+    expect(why).to_contain_text("was started by Bo")
+    page.locator("button.stop").click()
+    stops(page, bridge, "first")
+    expect(why).to_have_text("")
+
+
+def test_a_stop_of_a_page_that_is_behind_states_that_another_demonstration_goes_on(
+    page: Page, bridge: ScriptedBridge
+):
+    """The bridge acknowledged the stop of one that was over, and taught on; the page said nothing."""
+    start(page, bridge, "first")
+    page.locator("button.stop").click()
+    asked = bridge.asked(Stop)  # another operator has stopped it, and started the next one
+    asked.done("first", "teaching")
+    bridge.states("teaching", "second")
+    why = page.locator("#desk-why")
+    expect(why).to_contain_text("first is over, and cell-1 teaches another demonstration: press Stop again")
+    page.locator("button.stop").click()
+    stops(page, bridge, "second")
+    expect(why).to_have_text("")
+
+
+def test_stop_waits_for_no_answer_to_start(page: Page, bridge: ScriptedBridge):
+    """It could not be pressed for 15 s where that answer was lost."""
+    page.locator(".desk .task").press("Enter")
+    started = bridge.asked(Start)
+    bridge.states("teaching", "first")
+    expect(page.locator(".desk-state")).to_contain_text("Teaching")
+    expect(page.locator("button.stop")).to_be_enabled(timeout=1000 * UNANSWERED_S)
+    page.locator("button.stop").click()
+    expect(page.locator("#desk-why")).to_have_text("Stopping …")
+    stops(page, bridge, "first")
+    expect(page.locator("button.start")).to_be_disabled()
+    started.refuse("overloaded", "first is still being opened: try again")
+    expect(page.locator("button.start")).to_be_enabled()
+    expect(page.locator("#desk-why"), "it was opened, and stopped").to_have_text("")
+
+
+def test_a_command_without_an_answer_may_still_be_executed(page: Page, bridge: ScriptedBridge):
+    """The page stated *Not done*, and a bridge that had hung stopped later."""
+    start(page, bridge, "first")
+    page.locator("button.stop").click()
+    asked = bridge.asked(Stop)
+    why = page.locator("#desk-why")
+    expect(why).to_contain_text("The bridge of cell-1 has not answered in 15 s, and may still stop.")
+    expect(page.locator("button.stop")).to_be_enabled()
+    bridge.states("ready")
+    asked.done("first", "ready")
+    expect(why).to_have_text("")
+
+
+def test_no_press_waits_for_those_at_other_stations(page: Page, bridge: ScriptedBridge):
+    """Six threads carried out all that waits for a bridge or a service: the seventh Stop came 12 s later."""
+    start(page, bridge, "first")
+    page.locator(".desk").evaluate(ASK, [{"type": "stop", "session": "first"}, AT_ONCE])
+    waiting = [bridge.asked(Stop, UNANSWERED_S) for _ in range(AT_ONCE)]
+    bridge.states("ready")
+    for asked in waiting:
+        asked.done("first", "ready")
+
+
+@pytest.mark.parametrize("name", ["Start", "Stop"])
+def test_a_press_that_is_lost_with_the_connection_is_stated(page: Page, bridge: ScriptedBridge, name: str):
+    """The page loaded itself again, and showed the station as if nothing had been pressed."""
+    why, button = page.locator("#desk-why"), page.get_by_role("button", name=name)
+    if name == "Stop":
+        start(page, bridge, "first")
+    page.evaluate(DISCONNECT)
+    button.click()
+    page.reload()
+    expect(why).to_contain_text(f"{name} was pressed before this page was loaded again")
+    button.click()
+    if name == "Stop":
+        stops(page, bridge, "first")
+    else:
+        asked = bridge.asked(Start)
+        bridge.states("teaching", "first")
+        asked.done("first", "teaching")
+        expect(page.locator(".desk-state")).to_contain_text("Teaching")
+    expect(why).not_to_contain_text("was pressed")
+    page.reload()
+    expect(page.locator("button.start")).to_be_visible()
+    expect(why, "it is answered").not_to_contain_text("was pressed")
+
+
+def test_a_task_that_is_typed_for_the_next_demonstration_stays_at_stop(
+    stage: Stage, page: Page, bridge: ScriptedBridge
+):
+    """That of the last demonstration took its place."""
+    task = page.locator(".desk .task")
+    stage.teach(STATION, guided(), session="last", pace="fast")
+    stage.wait(STATION)
+    with stage.reader() as caesura:
+        caesura.describe(STATION, "last", author="Ann", task="wipe")
+    expect(task, "as a suggestion").to_have_value("wipe")
+    start(page, bridge, "first")
+    task.fill("polish")
+    page.locator("button.stop").click()
+    stops(page, bridge, "first")
+    expect(page.locator("button.start")).to_be_enabled()
+    expect(task).to_have_value("polish")

@@ -18,11 +18,12 @@ from caesura_clients.query import snapshot
 from caesura_clients.session_corrections import send
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import BridgeStatus, Describe, Description, Start, Stop
-from caesura_protocol.transport.transport_interface import Transport
+from caesura_protocol.transport.transport_interface import IncompleteAnswerError, Transport
 from caesura_protocol.validation_words import dotted, first_finding
 
 Request = Mapping[str, Any]
 AUTHOR = "dashboard"  # of a description whose author gives no name
+TAUGHT = ("starting", "teaching")  # states of a bridge that has a demonstration to stop
 ACTIONS: TypeAdapter[Start | Stop | Describe] = TypeAdapter(
     Annotated[Start | Stop | Describe, Field(discriminator="type")]
 )
@@ -41,12 +42,27 @@ class DemonstrationDesk:
             if isinstance(command, Describe):
                 self._describe(station, command)
                 return _described(command)
-            ack = ask_bridge(self._transport, station, command)
+            return self._pressed(station, command)
         except ProtocolError as error:
             raise EditRefused(said(error)) from error
         except CaesuraError as error:
             raise EditRefused(f"Not done: {error}") from error
-        return f"{ack.session} is over." if isinstance(command, Stop) else f"{ack.session} has begun."
+
+    def _pressed(self, station: str, command: Start | Stop) -> str:
+        """Start or stop. Raises EditRefused where it may still be done, and where there is more to stop."""
+        button = "Stop" if isinstance(command, Stop) else "Start"
+        try:
+            ack = ask_bridge(self._transport, station, command)
+        except IncompleteAnswerError as error:  # the bridge has the command, and answers it later
+            why = f"The bridge of {station} has not answered in {error.limit:g} s"
+            again = f"If the state stays as it is, press {button} again."
+            raise EditRefused(f"{why}, and may still {button.lower()}. {again}") from error
+        if isinstance(command, Start):
+            return f"{ack.session} has begun."
+        if ack.state in TAUGHT:  # since the page of the operator was drawn
+            why = f"{ack.session} is over, and {station} teaches another demonstration"
+            raise EditRefused(f"{why}: press Stop again to end it.")
+        return f"{ack.session} is over."
 
     def _describe(self, station: str, command: Describe) -> None:
         """Change the current description, unless another operator has changed the same field."""

@@ -96,9 +96,9 @@ class StartStop(LiveElement, component="web/start_stop.js"):
         super().__init__(initial)
         self.on("ask", on_ask)
 
-    def answered(self, message: str, *, failed: bool) -> None:
-        """Show the outcome of a start or a stop."""
-        self.run_method("answered", message, failed)
+    def answered(self, command: str, message: str, *, failed: bool) -> None:
+        """Show the outcome of a command, `start` or `stop`."""
+        self.run_method("answered", command, message, failed)
 
 
 class HintBanner(LiveElement, component="web/hints.js"):

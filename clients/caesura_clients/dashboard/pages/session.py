@@ -15,6 +15,7 @@ from caesura_clients.dashboard.correction_requests import EditRefused, correct, 
 from caesura_clients.dashboard.demonstration_control import controls, description_of
 from caesura_clients.dashboard.drawing_updates import run_lengths
 from caesura_clients.dashboard.hint_banner import banner_of
+from caesura_clients.dashboard.network_follower import STATIONS
 from caesura_clients.dashboard.nicegui_elements import (
     DescriptionForm,
     HintBanner,
@@ -48,7 +49,9 @@ ONLY_READ = (
     "and cannot be changed."
 )
 GONE = "The service no longer holds this session, and it cannot be changed."
-BUILDERS = ThreadPoolExecutor(2, "program")  # those of `run.io_bound` may all wait for a service
+# The threads of `run.io_bound` may all wait for a service.
+BUILDERS = ThreadPoolExecutor(2, "program")
+PRESSES = ThreadPoolExecutor(STATIONS, "press")  # each waits for its bridge
 
 
 class SessionPage:
@@ -69,9 +72,9 @@ class SessionPage:
         with self._workspace:
             with Element("div").classes("work"):
                 self._line = text("p", "").classes("state-line")
-                self._start_stop = StartStop(self._controls(), self._ask) if is_live else None
+                self._start_stop = StartStop(self._controls(), self._press) if is_live else None
                 self._form = DescriptionForm(
-                    self._description(), self._ask, editable=site.desk is not None, live=is_live
+                    self._description(), self._describe, editable=site.desk is not None, live=is_live
                 )
                 self._view = SessionView(
                     station,
@@ -162,20 +165,30 @@ class SessionPage:
     def _description(self) -> dict[str, Any]:
         return description_of(self._gateway.world, self._station, self._session)
 
-    async def _ask(self, event: GenericEventArguments) -> None:
-        """Start, stop or describe, without blocking other pages."""
+    async def _press(self, event: GenericEventArguments) -> None:
+        """Start or stop, without blocking other pages."""
+        if self._desk is None or self._start_stop is None or not isinstance(event.args, dict):
+            return
+        command, loop = str(event.args.get("type")), asyncio.get_running_loop()
+        try:
+            await loop.run_in_executor(PRESSES, self._desk.carry_out, self._station, event.args)
+        except EditRefused as refused:
+            self._start_stop.answered(command, str(refused), failed=True)
+        else:
+            self._start_stop.answered(command, "", failed=False)
+
+    async def _describe(self, event: GenericEventArguments) -> None:
+        """Change the description, without blocking other pages."""
         if self._desk is None or not isinstance(event.args, dict):
             return
-        describes = event.args.get("type") == "describe" or self._start_stop is None
-        asked_by = self._form if describes or self._start_stop is None else self._start_stop
         try:
             said = await run.io_bound(self._desk.carry_out, self._station, event.args)
         except EditConflict as conflict:
             self._form.answered(str(conflict), failed=True, found=conflict.found)
         except EditRefused as refused:
-            asked_by.answered(str(refused), failed=True)
+            self._form.answered(str(refused), failed=True)
         else:
-            asked_by.answered(said or "", failed=False)
+            self._form.answered(said or "", failed=False)
 
     def _show_program(self, program: wire.Program) -> None:
         """Show the program as a timeline, which is built anew only after a change.

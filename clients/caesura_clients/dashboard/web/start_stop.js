@@ -5,6 +5,10 @@ import Staying from "caesura-dashboard/staying.js";
 
 const OPERATOR = "caesura-author";
 const WORDS = { ready: "Ready", starting: "Starting …", teaching: "Teaching", stopping: "Storing …", failed: "Not ready" };
+// States of the bridge in which the refusal of a press has nothing to say any more.
+const PAST = { start: ["stopping", "failed", ""], stop: ["ready", "failed", ""] };
+const PRESSED = "caesura-press"; // in the session storage: the last press, until it is answered
+const SETTLED = ["ready", "teaching", "failed"]; // states in which it is seen what became of it
 const newId = () => `press-${Date.now().toString(36)}-${Math.random().toString(36).slice(2, 10)}`;
 
 export default {
@@ -13,7 +17,8 @@ export default {
   emits: ["ask"],
   data: () => ({
     station: "", state: "", session: "", canStart: false, canStop: false, seen: "", said: "", why: "", outcome: "", tasks: [], t: 0, offers: false,
-    task: "", operator: localStorage.getItem(OPERATOR) || "", typed: false, busy: "", message: "", failed: false,
+    task: "", operator: localStorage.getItem(OPERATOR) || "", typed: false, message: "", failed: false,
+    pressed: "", unanswered: [], refusedIn: "", // the last press, those without an answer, and the session of the refusal
   }),
   template: `
     <section class="desk" :class="'desk-' + shown" aria-label="Start and stop">
@@ -24,8 +29,8 @@ export default {
           placeholder="optional" autocomplete="off"></label>
         <datalist id="desk-tasks"><option v-for="one in tasks" :key="one" :value="one"></option></datalist>
         <label>Operator <input class="operator" v-model="operator" maxlength="64" placeholder="optional" autocomplete="name"></label>
-        <button class="start large" type="submit" :disabled="!canStart || busy !== ''" aria-describedby="desk-why">Start</button>
-        <button class="stop large repeats" type="button" :disabled="!canStop || busy !== ''" @click="stop" aria-describedby="desk-why">Stop</button>
+        <button class="start large" type="submit" :disabled="!canStart || unanswered.length > 0" aria-describedby="desk-why">Start</button>
+        <button class="stop large repeats" type="button" :disabled="!canStop || unanswered.includes('stop')" @click="stop" aria-describedby="desk-why">Stop</button>
       </form>
     </section>`,
   computed: {
@@ -45,28 +50,47 @@ export default {
   },
   methods: {
     apply(payload) {
-      if (payload.session !== this.session || payload.state !== this.state) this.message = "";
+      if (this.isPast(payload)) Object.assign(this, { message: "", failed: false });
       for (const name of ["station", "state", "session", "canStart", "canStop", "why", "outcome", "tasks", "t", "seen", "said"]) {
         if (name in payload) this[name] = payload[name];
       }
       this.offers ||= Boolean(this.state); // a bridge or a service that goes moves no plots
       if (!this.typed && payload.task) this.task = payload.task; // what was taught last, as a suggestion
+      if (!this.unanswered.length && SETTLED.includes(this.state)) this.recall();
     },
-    ask(busy, command) {
+    recall() { // a press whose answer was lost because the page was loaded again, as after a lost connection
+      const press = JSON.parse(sessionStorage.getItem(PRESSED));
+      if (press?.station !== this.station) return;
+      sessionStorage.removeItem(PRESSED);
+      const [button, isPossible] = press.type === "start" ? ["Start", this.canStart] : ["Stop", this.canStop && press.session === this.session];
+      const message = `${button} was pressed before this page was loaded again, and no answer came: press it again if it is still needed.`;
+      if (isPossible) Object.assign(this, { pressed: "", failed: true, message });
+    },
+    isPast({ session, state, why }) { // the message; a refusal stands although the refused start came and goes as a state
+      if (!this.failed || !this.pressed) return session !== this.session || state !== this.state;
+      this.refusedIn ||= session;
+      const isAnother = this.pressed === "start" && session !== "" && session !== this.refusedIn;
+      return isAnother || PAST[this.pressed].includes(state) || (state === "ready" && why !== "");
+    },
+    ask(message, command) {
       changes();
-      Object.assign(this, { busy, message: `${busy} …`, failed: false });
+      Object.assign(this, { pressed: command.type, unanswered: [...this.unanswered, command.type], message, failed: false });
+      sessionStorage.setItem(PRESSED, JSON.stringify({ station: this.station, type: command.type, session: command.session }));
       this.$emit("ask", command);
     },
     start() {
-      if (!this.canStart || this.busy) return;
+      if (!this.canStart || this.unanswered.length) return;
       const description = { task: this.task.trim() || null, operator: this.operator.trim() || null };
-      this.ask("Starting", { type: "start", id: newId(), description });
+      this.ask("Starting …", { type: "start", id: newId(), description });
     },
-    stop() {
-      if (this.canStop && !this.busy) this.ask("Storing", { type: "stop", session: this.session });
+    stop() { // also while the answer to a start has not come
+      if (this.canStop && !this.unanswered.includes("stop")) this.ask("Stopping …", { type: "stop", session: this.session });
     },
-    answered(message, failed) {
-      Object.assign(this, { message: failed ? message : "", failed, busy: "", typed: false });
+    answered(type, message, failed) {
+      this.unanswered = this.unanswered.filter((one) => one !== type);
+      if (type === "start" && !failed) this.typed = false;
+      if (!this.unanswered.length) sessionStorage.removeItem(PRESSED);
+      if (type === this.pressed) Object.assign(this, { message: failed ? message : "", failed, refusedIn: this.session });
     },
   },
 };

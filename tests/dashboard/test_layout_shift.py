@@ -305,6 +305,31 @@ def test_the_answer_to_a_correction_is_in_sight_wherever_in_the_plots_it_is_made
     assert opened.errors == []
 
 
+IN_PHASES = """([x, y]) => document.elementFromPoint(x, y).closest(".plots") !== null"""
+
+
+def test_a_long_answer_leaves_the_phases_when_something_else_is_pressed(stage: Stage, opened: Visitor):
+    """On a phone it covered them until it was closed."""
+    page = taught_page(stage, opened, "cell-2", "long", PHONE)
+    operator = Operator.at(page, opened)
+    operator.click(1.4)
+    page.keyboard.press("Enter")
+    expect(page.locator(".message")).to_contain_text("Changepoint inserted at 1.")
+    page.get_by_role("button", name="Undo", exact=True).first.click()
+    expect(page.locator(".message")).to_contain_text("Undone: Ann inserted a changepoint at 1.")
+    close = page.get_by_role("button", name="Close the message")
+    expect(close).to_be_visible()
+    band = page.locator("canvas.band").bounding_box()
+    assert band is not None
+    x, _ = operator.place(1.4)
+    phases = [x, band["y"] + band["height"] / 4]
+    assert not page.evaluate(IN_PHASES, phases)
+    operator.click(1.4)
+    expect(page.get_by_role("button", name="Show the whole message")).to_be_visible()
+    assert page.evaluate(IN_PHASES, phases)
+    assert opened.errors == []
+
+
 # Where the list of apps is [px], and how much room is kept between the exports and what is folded.
 LIST = """() => {
   const box = (name) => document.querySelector(name).getBoundingClientRect(), { y, height } = box(".apps");

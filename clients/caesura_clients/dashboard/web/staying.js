@@ -1,4 +1,5 @@
-// Words in a place of so many lines. Longer ones lie upon what is below until they are closed, so that nothing moves.
+// Words in a place of so many lines. Longer ones lie upon what is below, so that nothing moves, until they are closed or
+// something else is pressed.
 const ROUNDED = 2; // pixels
 
 export default {
@@ -14,9 +15,11 @@ export default {
   mounted() {
     this.look = new ResizeObserver(([{ contentRect: { width } }]) => width !== this.width && this.measure(width));
     this.look.observe(this.$el);
+    document.addEventListener("pointerdown", this.fold, true);
   },
   unmounted() {
     this.look.disconnect();
+    document.removeEventListener("pointerdown", this.fold, true);
   },
   updated() {
     const words = this.$refs.words.textContent;
@@ -26,6 +29,9 @@ export default {
     this.measure();
   },
   methods: {
+    fold({ target }) {
+      if (this.isLong && !this.$el.contains(target)) this.closed = true;
+    },
     measure(width = this.width) {
       Object.assign(this, { isLong: false, width });
       this.$nextTick(() => (this.isLong = this.lines > 0 && this.$refs.words.offsetHeight > this.$el.clientHeight + ROUNDED));

@@ -149,6 +149,9 @@ def ask_bridge(transport: Transport, station: str, command: Start | Stop) -> Bri
 def _why_no_answer(transport: Transport, station: str, command: Start | Stop) -> str:
     if station in query.stations(transport):
         return f"the bridge of {station} answers no start or stop: is it in standby, are you an operator?"
+    if not query.services(transport):
+        nothing = f"neither a bridge of {station} nor a service is found at {transport.endpoint}"
+        return f"{nothing}: the service is not started, or the connection is lost; try again once it is back"
     connected = ", ".join(query.stations(transport)) or "none"
     said = f"no bridge is connected at {station}; stations with a bridge: {connected}"
     ended = f"; if its bridge ended for good: `caesura stop {station} --without-bridge`"

@@ -15,7 +15,7 @@ from caesura_clients.bridge import BridgeSettings
 from caesura_clients.bridge.sessions_on_demand import Standby
 from caesura_clients.bridge.sources import Source
 from caesura_protocol.codec import decode, encode
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import ProtocolError, Unreachable
 from caesura_protocol.messages import BridgeStatus
 from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.transport.memory import MemoryNetwork
@@ -108,6 +108,13 @@ def test_a_command_that_fails_is_refused_and_the_next_one_is_answered(monkeypatc
         assert (refusal.value.code, refusal.value.message) == ("internal", "ValueError: not foreseen")
         session = demonstration_control.start(operator, STATION).session
         assert demonstration_control.stop(operator, STATION).session == session
+
+
+@pytest.mark.parametrize("command", [demonstration_control.start, demonstration_control.stop])
+def test_without_bridge_and_service_a_command_states_that_the_connection_may_be_lost(command):
+    """A router that hung took both away: it was stated that no bridge is connected."""
+    with pytest.raises(Unreachable, match="neither a bridge of cell-1 nor a service is found at memory"):
+        command(MemoryNetwork().transport(), STATION)
 
 
 def test_a_start_that_the_journal_cannot_record_says_why(monkeypatch, over):

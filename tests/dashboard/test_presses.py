@@ -74,19 +74,31 @@ class ScriptedBridge:
         self._transport, self._inbox = transport, Inbox()
         self._status = BridgeStatus(station=STATION, bridge="scripted", state="ready", source="scripted")
         self._over, self._stack = threading.Event(), ExitStack()
+        self._connected, self._is_silent = ExitStack(), True
 
     def __enter__(self) -> Self:
         beat = threading.Thread(target=self._repeat, daemon=True)
         beat.start()
         self._stack.callback(beat.join)
         self._stack.callback(self._over.set)
-        transport, control = self._transport, station_key(STATION, "bridge_control")
-        self._stack.enter_context(transport.declare_token(station_key(STATION, "alive")))
-        self._stack.enter_context(transport.declare_queryable(control, self._inbox))
+        control = station_key(STATION, "bridge_control")
+        self._stack.enter_context(self._transport.declare_queryable(control, self._inbox))
+        self._stack.callback(self.disconnects)
+        self.connects()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
+
+    def connects(self) -> None:
+        """It is there, again."""
+        self._connected.enter_context(self._transport.declare_token(station_key(STATION, "alive")))
+        self._is_silent = False
+
+    def disconnects(self) -> None:
+        """The connection to it is lost."""
+        self._is_silent = True
+        self._connected.close()
 
     def states(self, state: BridgeState, session: str | None = None) -> None:
         """Publish another state."""
@@ -108,7 +120,8 @@ class ScriptedBridge:
 
     def _repeat(self) -> None:
         while not self._over.wait(REPEATED_S):
-            self._publish()
+            if not self._is_silent:
+                self._publish()
 
 
 @pytest.fixture
@@ -219,6 +232,28 @@ def test_stop_waits_for_no_answer_to_start(page: Page, bridge: ScriptedBridge):
     started.refuse("overloaded", "first is still being opened: try again")
     expect(page.locator("button.start")).to_be_enabled()
     expect(page.locator("#desk-why"), "it was opened, and stopped").to_have_text("")
+
+
+@pytest.mark.parametrize("name", ["Start", "Stop"])
+def test_a_press_that_is_lost_with_the_bridge_is_stated_once_it_is_back(
+    page: Page, bridge: ScriptedBridge, name: str
+):
+    """A service that hung took the command with it, and was the router: the page forgot why meanwhile."""
+    why = page.locator("#desk-why")
+    if name == "Start":
+        page.locator(".desk .task").press("Enter")
+        asked = bridge.asked(Start)
+    else:
+        start(page, bridge, "first")
+        page.locator("button.stop").click()
+        asked = bridge.asked(Stop)
+    asked.refuse("overloaded", "the connection is lost")
+    expect(why).to_contain_text("the connection is lost")
+    bridge.disconnects()
+    expect(why).to_contain_text("No bridge is connected at cell-1")
+    bridge.connects()
+    expect(why).to_contain_text("the connection is lost")
+    expect(page.get_by_role("button", name=name)).to_be_enabled()
 
 
 def test_a_command_without_an_answer_may_still_be_executed(page: Page, bridge: ScriptedBridge):

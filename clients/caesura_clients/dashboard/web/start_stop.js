@@ -6,7 +6,7 @@ import Staying from "caesura-dashboard/staying.js";
 const OPERATOR = "caesura-author";
 const WORDS = { ready: "Ready", starting: "Starting …", teaching: "Teaching", stopping: "Storing …", failed: "Not ready" };
 // States of the bridge in which the refusal of a press has nothing to say any more.
-const PAST = { start: ["stopping", "failed", ""], stop: ["ready", "failed", ""] };
+const PAST = { start: ["stopping", "failed"], stop: ["ready", "failed"] };
 const PRESSED = "caesura-press"; // in the session storage: the last press, until it is answered
 const SETTLED = ["ready", "teaching", "failed"]; // states in which it is seen what became of it
 const newId = () => `press-${Date.now().toString(36)}-${Math.random().toString(36).slice(2, 10)}`;
@@ -23,7 +23,7 @@ export default {
   template: `
     <section class="desk" :class="'desk-' + shown" aria-label="Start and stop">
       <div class="desk-words"><p class="desk-state" role="status">{{ words }}</p>
-        <staying id="desk-why" class="desk-why" :class="{ failed }" :lines="offers ? 2 : 0">{{ message || why || outcome }}</staying></div>
+        <staying id="desk-why" class="desk-why" :class="{ failed }" :lines="offers ? 2 : 0">{{ reason }}</staying></div>
       <form v-if="offers" @submit.prevent="start">
         <label class="wide">{{ canStop ? "Next task" : "Task" }} <input class="task" v-model="task" @input="typed = true" maxlength="120" list="desk-tasks"
           placeholder="optional" autocomplete="off"></label>
@@ -37,6 +37,9 @@ export default {
     words() {
       const word = this.seen === "stale" ? "Stale" : WORDS[this.state] || this.said.charAt(0).toUpperCase() + this.said.slice(1);
       return this.shown === "teaching" ? `${word} ${this.t} s` : word;
+    },
+    reason() { // where the state of the bridge is not known, the message waits until it is
+      return (this.state && this.message) || this.why || this.outcome;
     },
     shown() {
       return this.seen === "stale" ? "stale" : this.state || this.seen;

@@ -49,6 +49,14 @@ AXE = {
 NOTHING_LOADS = """() => [...document.querySelectorAll(".q-loading-bar")]
   .every((bar) => bar.getAttribute("aria-hidden") === "true")"""
 FORGET = "() => { if (location.protocol !== 'about:') { localStorage.clear(); sessionStorage.clear(); } }"
+# A click of the mouse at a time of the page's clock [ms]; the first one is now.
+CLICK = """(button, at) => {
+  const { x: clientX, y: clientY } = button.getBoundingClientRect();
+  const click = new MouseEvent("click", { clientX, clientY, bubbles: true, cancelable: true, detail: 1 });
+  Object.defineProperty(click, "timeStamp", { value: at ?? click.timeStamp });
+  button.dispatchEvent(click);
+  return click.timeStamp;
+}"""
 # What is from the cache has no `transferSize`, which is 300 bytes more than a file as it was sent.
 RECEIVED = """() => ["navigation", "resource"].flatMap((kind) => performance.getEntriesByType(kind))
   .reduce((sum, entry) => sum + (entry.transferSize || entry.encodedBodySize + 300), 0)"""

@@ -22,7 +22,7 @@ from caesura_protocol.messages import BridgeAck, BridgeControl, BridgeStatus, St
 from caesura_protocol.messages.field_types import BridgeState
 from caesura_protocol.transport.inbox import Inbox, IncomingQuery, ReceivedSample, TokenChange
 from caesura_protocol.transport.transport_interface import Transport
-from dashboard.browser import DESK, PATIENCE_MS, Visitor, needs_chromium
+from dashboard.browser import CLICK, DESK, PATIENCE_MS, Visitor, needs_chromium
 from dashboard.stage import Stage
 from harness.demonstrations import guided
 from harness.processes import DEADLINE_S
@@ -35,14 +35,6 @@ SOON_MS = 200  # within half a second a second click counts as a double click
 UNANSWERED_S = CONTROL_TIMEOUT_S / 2  # in which no command without an answer is given up
 AT_ONCE = 40  # presses; more than the 32 threads that Python offers at most
 DISCONNECT = "() => { window.socket.emit = () => {}; }"  # as a connection that is lost, and never comes back
-# A click of the mouse at a time of the page's clock [ms]; the first one is now.
-CLICK = """(button, at) => {
-  const { x: clientX, y: clientY } = button.getBoundingClientRect();
-  const click = new MouseEvent("click", { clientX, clientY, bubbles: true, cancelable: true, detail: 1 });
-  Object.defineProperty(click, "timeStamp", { value: at ?? click.timeStamp });
-  button.dispatchEvent(click);
-  return click.timeStamp;
-}"""
 # The component of an element sends a request so often.
 ASK = """(element, [request, count]) => {
   const component = getElement(Number(element.id.replace("c", "")));

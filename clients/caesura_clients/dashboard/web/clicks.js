@@ -3,7 +3,7 @@
 // would do it again, such as Copy, or take it back, such as Yes. Only one of class `repeats` counts twice, such as Undo,
 // and Stop, which names what it ends.
 const AGAIN_MS = 500, NEAR = 16; // pixels
-const UNDER_WAY_MS = 100; // so soon after a click what it changes is asked for
+const UNDER_WAY_MS = 100; // so soon after a click is handled what it changes is asked for
 let last = null, counted = null; // clicks, the latter the last one that has changed something
 
 const buttonOf = ({ target }) => target.closest?.("button, summary, a") ?? null;
@@ -24,7 +24,7 @@ document.addEventListener("click", (event) => {
     return event.stopPropagation();
   }
   const button = buttonOf(event);
-  last = { x: event.clientX, y: event.clientY, at: event.timeStamp, button, label: button && labelOf(button) };
+  last = { x: event.clientX, y: event.clientY, at: event.timeStamp, handledAt: performance.now(), button, label: button && labelOf(button) };
 }, true);
 
 // A key that is held down repeats itself: once it has changed something, it does nothing more until it is pressed anew.
@@ -39,6 +39,6 @@ document.addEventListener("keydown", (event) => {
 
 // Something is changed: by the last click, if one is under way, or by a key that is held.
 export const changes = () => {
-  if (last !== null && performance.now() - last.at < UNDER_WAY_MS) counted = last;
+  if (last !== null && performance.now() - last.handledAt < UNDER_WAY_MS) counted = last;
   isHeld = true;
 };

@@ -3,7 +3,8 @@
 The apps of a group are a sequence within it, with the group's name.
 Lists of numbers have semicolons, as in its text form of a `std::vector<double>`. The node registered under an
 action's name implements it (https://www.behaviortree.dev, "The XML format"). Pauses between apps are `Sleep`,
-a node of the library. The robot and the findings of a check are comments.
+a node of the library. Comments have the robot, the name of the program, the notes of apps and the findings of
+a check.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from caesura_protocol.programs.apps_by_phase import groups_by_first
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.export_limits import refuse_impossible
 from caesura_protocol.programs.planned_apps import LEAST_PAUSE_S, pause_between
-from caesura_protocol.programs.script_templates import findings_by_app
+from caesura_protocol.programs.script_templates import findings_by_app, texts_of_people
 from caesura_protocol.reproduced_path import turning_at_points
 from caesura_protocol.screw_torque_and_text import torque_about_axis
 
@@ -99,7 +100,9 @@ def behaviour_tree(program: ProgramFile) -> str:
     """
     program.as_json()  # refuses what is not finite
     refuse_impossible(program)
-    comments = findings_by_app(program)
+    comments = texts_of_people(program)
+    for place, found in findings_by_app(program).items():
+        comments.setdefault(place, []).extend(found)
     root = Xml.Element("root", {"BTCPP_format": "4", "main_tree_to_execute": TREE})
     tree = Xml.SubElement(root, "BehaviorTree", {"ID": TREE})
     name = f"{program.station}/{program.session}, revision {program.revision}"

@@ -45,14 +45,14 @@ def robot_of_script(program: ProgramFile, script: str, expected: str) -> RobotDe
 def findings_as_comments(program: ProgramFile) -> dict[int | None, list[str]]:
     """Return comment lines of a script without a mark, by app from 0; None: the whole program.
 
-    Besides a check's findings, a carry that sets down has a line on its contact search, a stroke one on the
-    removed friction.
+    Besides the texts of people and a check's findings, a carry that sets down has a line on its contact
+    search, a stroke one on the removed friction.
     """
-    comments: dict[int | None, list[str]] = {
-        index: ["sets down: looks for the surface at its end, slowly until it is felt"]
-        for index, (app, following) in enumerate(pairwise(program.apps))
-        if APP_KINDS[app.kind].carries and ends_in_contact(app.kind, following.kind)
-    }
+    comments = texts_of_people(program)
+    for index, (app, following) in enumerate(pairwise(program.apps)):
+        if APP_KINDS[app.kind].carries and ends_in_contact(app.kind, following.kind):
+            said = "sets down: looks for the surface at its end, slowly until it is felt"
+            comments.setdefault(index, []).append(said)
     for index, app in enumerate(program.apps):
         if (rubbed_n := friction_of(app)) > NAMED_FRICTION_N:
             said = f"{rubbed_n:.1f} N of the taught force are left out: friction takes them along the way"
@@ -60,6 +60,16 @@ def findings_as_comments(program: ProgramFile) -> dict[int | None, list[str]]:
     for place, found in findings_by_app(program).items():
         comments.setdefault(place, []).extend(found)
     return comments
+
+
+def texts_of_people(program: ProgramFile) -> dict[int | None, list[str]]:
+    """Return the notes of apps as lines, by app from 0; None: the name of the program."""
+    said: dict[int | None, list[str]] = {
+        index: [_one_line(f"note: {app.note}")] for index, app in enumerate(program.apps) if app.note
+    }
+    if program.name is not None:
+        said[None] = [_one_line(f"called: {program.name}")]
+    return said
 
 
 def findings_by_app(program: ProgramFile) -> dict[int | None, list[str]]:

@@ -90,10 +90,13 @@ def _gravity(program: ProgramFile) -> str:
 
 
 def _ascii(text: str) -> str:
-    """Return a script in ASCII, as the controller needs it: other characters occur only in comments."""
+    """Return a script in ASCII, as the controller needs it: other characters occur only in comments.
+
+    They become their codes, so that two names stay two.
+    """
     for mark, word in (("°", " degrees"), ("–", " to "), ("±", "+-")):
         text = text.replace(mark, word)
-    return text.encode("ascii", "replace").decode("ascii")
+    return text.encode("ascii", "backslashreplace").decode("ascii")
 
 
 class _Writer:

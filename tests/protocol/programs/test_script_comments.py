@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from xml.etree.ElementTree import Comment, TreeBuilder, XMLParser, fromstring
 
 import pytest
 
 from caesura_protocol.app_kinds import app_name
 from caesura_protocol.messages import App, WrenchReport
 from caesura_protocol.programs.apps_by_phase import Group
+from caesura_protocol.programs.behaviour_tree import behaviour_tree
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.franky_script import franky_script
@@ -116,6 +118,31 @@ def test_a_carry_that_looks_for_a_surface_says_so(write: Writer, robot: str, gri
     said = "# sets down: looks for the surface at its end, slowly until it is felt"
     assert lines.count(said) == 1
     assert lines[lines.index(said) - 1].startswith("# app 4 (hold)")
+
+
+HARD_TO_WRITE = 'Fasten the clamp first! """ */ --> \\u &lt; <APPS> \u6865 #'
+
+
+@pytest.mark.parametrize(("write", "robot", "gripper"), [*SCRIPTS, (behaviour_tree, "panda", "franka_hand")])
+def test_the_name_of_a_program_and_the_notes_of_apps_are_comments(write: Writer, robot: str, gripper: str):
+    """They were in the JSON file alone."""
+    touch, *rest = pick_and_place()
+    noted = touch.model_copy(update={"note": HARD_TO_WRITE})
+    program = on_robot((noted, *rest), robot, gripper)
+    text = write(program.model_copy(update={"name": f"Fill {HARD_TO_WRITE}"}))
+    read = comments_of(text) if write is behaviour_tree else text.splitlines()
+    shown = HARD_TO_WRITE.replace("--", "- -") if write is behaviour_tree else HARD_TO_WRITE
+    shown = shown.replace("\u6865", "\\u6865") if write is ur_script else shown
+    marked = [line.strip().removeprefix("# ") for line in read]
+    assert marked.count(f"called: Fill {shown}") == 1
+    assert marked.count(f"note: {shown}") == 1
+    if write in {franky_script, xarm_script}:
+        compile(text, "script", "exec")
+
+
+def comments_of(xml: str) -> list[str]:
+    with_comments = XMLParser(target=TreeBuilder(insert_comments=True))
+    return [str(one.text) for one in fromstring(xml, with_comments).iter(Comment)]
 
 
 NOT_OBSERVED = "Not observed: after 3.40 s (samples were lost). What was taught then is missing."

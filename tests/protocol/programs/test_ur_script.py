@@ -81,7 +81,7 @@ def test_what_people_call_an_app_and_its_target_stands_in_a_comment():
     named = away.model_copy(update={"name": 'Lift "Ü" # end', "target_name": "above the tray"})
     text = ur_script(as_file((touch, pressed, named)).model_copy(update={"robot": "ur5e"}))
     assert text.count("# called: ") == 1
-    assert '  # called: Lift "?" # end: above the tray\n  begin_app("app 3 (move)")\n' in text
+    assert '  # called: Lift "\\xdc" # end: above the tray\n  begin_app("app 3 (move)")\n' in text
     as_python(text)
 
 

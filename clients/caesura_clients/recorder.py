@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -22,6 +22,7 @@ from caesura_clients.session_to_recording import stated_recording
 from caesura_protocol.codec import decode, signals_of, unpack_samples
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError, Unreachable
 from caesura_protocol.keys import ReplayRange, replay_parameters, session_key, station_key
+from caesura_protocol.lost_samples import Loss, losses_of
 from caesura_protocol.messages import (
     MAX_BATCHES_AHEAD,
     Heartbeat,
@@ -133,8 +134,16 @@ class Recorder:
         rows = np.concatenate([unpack_samples(self.batches[seq]) for seq in alike])
         if found is None:
             signals = signals_of(columns, rows)
-            return Recording(rows[:, 0], signals, name=self.session, assumed=(ASSUMED_FRAME,))
-        return stated_recording(columns, rows, found.status, found.program, unit=found.status.length_unit)
+            made = Recording(rows[:, 0], signals, name=self.session, assumed=(ASSUMED_FRAME,))
+        else:
+            unit = found.status.length_unit
+            made = stated_recording(columns, rows, found.status, found.program, unit=unit)
+        return replace(made, lost=losses_of(self._ends(alike), self.known))
+
+    def _ends(self, seqs: Sequence[int]) -> dict[int, Loss]:
+        """Return the times [s] of the first and the last sample of batches, by their number."""
+        samples = {seq: unpack_samples(self.batches[seq]) for seq in seqs}
+        return {seq: (float(one[0, 0]), float(one[-1, 0])) for seq, one in samples.items()}
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 
 from caesura_protocol.columns import JOINT_SIGNALS
 from caesura_protocol.errors import CaesuraError
+from caesura_protocol.lost_samples import Loss, losses_text
 from caesura_protocol.messages import (
     COLUMNS_OF_SIGNAL,
     FORCE_FRAMES,
@@ -73,8 +74,9 @@ class Recording:
     names of other content of the file. declared_units: quantities whose unit a user declared: their
     implausible values are accepted, and `doubts` reports them. setting: the cell's requirements on the
     program. assumed: the reader's assumptions about what the file leaves open; cautions: omitted or suspect
-    parts, with the reason; one sentence each. lines: line numbers of the samples in a text file. Raises
-    RecordingError for an invalid shape, name, unit or time.
+    parts, with the reason; one sentence each. lines: line numbers of the samples in a text file. lost: the
+    times [s] beside samples that were lost on the way. Raises RecordingError for an invalid shape, name,
+    unit or time.
     """
 
     t: Array
@@ -90,6 +92,7 @@ class Recording:
     assumed: tuple[str, ...] = field(default=(), compare=False)
     cautions: tuple[str, ...] = field(default=(), compare=False)
     lines: tuple[int, ...] = field(default=(), compare=False, repr=False)
+    lost: tuple[Loss, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
@@ -189,11 +192,11 @@ class Recording:
 
     @property
     def stated_options(self) -> dict[str, str]:
-        """Return the options by name, without those that the recording does not state."""
+        """Return the options by name, and the losses, without those that the recording does not state."""
         values = {key: getattr(self, key) for key in OPTIONS if key not in self.assumptions}
-        return {
-            key: value for key, value in values.items() if value not in NOT_STATED
-        } | self.setting.stated_texts
+        lost = {LOST: losses_text(self.lost)} if self.lost else {}
+        stated = {key: value for key, value in values.items() if value not in NOT_STATED}
+        return stated | self.setting.stated_texts | lost
 
     @property
     def file_statements(self) -> dict[str, str]:
@@ -256,7 +259,8 @@ OPTIONS: Mapping[str, tuple[str, ...]] = {
     "force_frame": FORCE_FRAMES,
     "length_unit": LENGTH_UNITS,
 }
-STATED = (*OPTIONS, *CellSettings._fields)  # all that a file may state
+LOST = "lost"  # key of the losses in a file
+STATED = (*OPTIONS, *CellSettings._fields, LOST)  # all that a file may state
 #: How the columns of `quat` are ordered in an npz file, whose arrays have no names of columns.
 QUATERNION_ORDER, QUATERNION_ORDERS = "quaternion_order", ("xyzw", "wxyz")
 ASSUMED_ORDER = (

@@ -18,7 +18,7 @@ from caesura_service.changepoint.channel_model import UNTURNED, ModelInput
 from caesura_service.changepoint.filter_interface import ChangepointFilter
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.turn_resistance import torsion_of
-from caesura_service.offline_segmentation import opening_of
+from caesura_service.offline_segmentation import opening_of, parts_of
 from caesura_service.segmentation.observation_store import force_scale, holding, turned_upright
 from caesura_service.segmentation.opening_layout import layout_of
 from caesura_service.segmentation.segmenter import filter_of
@@ -69,9 +69,14 @@ def condition(recording: Recording, parameters: ConditioningParameters | None = 
     Raises ValueError for columns or values that cannot be segmented.
     """
     conditioner = Conditioner(layout_of(opening_of(recording)), parameters)
-    pushed, ended = conditioner.push(recording.matrix()), conditioner.finish()
-    observations = (*pushed.observations, *ended.observations)
-    return ConditionedRecording(observations, conditioner.layout, conditioner.tare is not None)
+    observations: list[Observation] = []
+    for number, part in enumerate(parts_of(recording)):
+        if number:
+            conditioner.declare_gap()
+        if len(part):
+            observations += conditioner.push(part).observations
+    observations += conditioner.finish().observations
+    return ConditionedRecording(tuple(observations), conditioner.layout, conditioner.tare is not None)
 
 
 def observed(observation: Observation, upright: NDArray[np.float64] | None = None) -> ModelInput:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from caesura_protocol.batching import Batcher
 from caesura_protocol.codec import pack_samples, signals_of
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Open, SampleBatch
+from caesura_protocol.lost_samples import losses_of, rows_after_losses
+from caesura_protocol.messages import Close, Open, SampleBatch
 from caesura_protocol.programs.safety import UNSET, CellSettings
 from caesura_protocol.recording import ASSUMED, Recording, RecordingError
 from caesura_service.journal import Record
@@ -54,15 +55,26 @@ def capabilities_of(recording: Recording) -> WrenchCapabilities:
     return layout_of(opening_of(recording)).source
 
 
-def batches(recording: Recording) -> Iterator[NDArray[np.float64]]:
+def batches(recording: Recording) -> Iterator[NDArray[np.float64] | None]:
     """Yield the samples (n, columns) of a recording in the batches that a service would receive.
 
-    Raises ProtocolError `malformed`.
+    None where samples were lost. Raises ProtocolError `malformed`.
     """
-    batcher = Batcher(recording.columns, BATCH_SAMPLES)
-    for seq, rows in enumerate([*batcher.push(recording.matrix()), *batcher.flush()]):
-        batch = pack_samples(rows, recording.columns, session="file", epoch=0, seq=seq)
-        yield validated_samples(batch, recording.columns, Limits())
+    for number, part in enumerate(parts_of(recording)):
+        if number:
+            yield None
+        batcher = Batcher(recording.columns, BATCH_SAMPLES)
+        for seq, rows in enumerate([*batcher.push(part), *batcher.flush()]):
+            batch = pack_samples(rows, recording.columns, session="file", epoch=0, seq=seq)
+            yield validated_samples(batch, recording.columns, Limits())
+
+
+def parts_of(recording: Recording) -> list[NDArray[np.float64]]:
+    """Return the samples (n, columns) of a recording, divided where samples were lost.
+
+    The first part is empty if they were lost before the first sample, the last one likewise.
+    """
+    return np.split(recording.matrix(), rows_after_losses(recording.t, recording.lost))
 
 
 def views(
@@ -80,6 +92,9 @@ def views(
     pipeline = make_pipeline(opening_of(recording, preset, setting), preset, threshold=threshold)
     taken = 0
     for samples in batches(recording):
+        if samples is None:
+            pipeline.declare_gap()
+            continue
         try:
             pipeline.push(samples)
         except ValueError as error:
@@ -96,13 +111,19 @@ def _counted_from(taken: int, error: str) -> str:
 
 
 def recording_of(records: Iterable[Record]) -> Recording:
-    """Return the samples of a session's records, in order. Raises RecordingError without samples."""
+    """Return the samples of a session's records, in order, with their losses.
+
+    Raises RecordingError without samples.
+    """
     opening: Open | None = None
+    last: int | None = None
     taken: dict[int, NDArray[np.float64]] = {}
     for record in records:
         match record.message:
             case Open():
                 opening = record.message
+            case Close(last_seq=seq):
+                last = seq
             case SampleBatch() as batch if opening is not None:
                 with suppress(ProtocolError):  # it was refused when it came
                     taken[batch.seq] = validated_samples(batch, opening.columns, Limits())
@@ -120,6 +141,7 @@ def recording_of(records: Iterable[Record]) -> Recording:
         assumed=tuple(ASSUMED[key] for key in opening.assumed),
         setting=CellSettings(*(getattr(opening, name) for name in CellSettings._fields)),
         name=opening.session,
+        lost=losses_of({seq: (float(one[0, 0]), float(one[-1, 0])) for seq, one in taken.items()}, last),
     )
 
 

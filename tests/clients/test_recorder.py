@@ -66,6 +66,8 @@ def test_what_is_missing_in_the_end_is_named_with_its_time():
     recorded = RecordedSession(recorder.recording(None), snapshot(0), recorder, closed=True)
     times = "the newest at 0.20–0.22, 0.40–0.42, 0.60–0.62 s"
     assert recorded.missed.startswith(f"5 of 60 batches are missing: gaps {times}")
+    lost = [(round(t0, 2), round(tn, 2)) for t0, tn in recorded.recording.lost]
+    assert lost == [(0.1, 0.14), (0.2, 0.22), (0.4, 0.42), (0.6, 0.62)]
     late = Recorder("s1")
     late.add_batch(batch(3))
     recorded = RecordedSession(late.recording(None), snapshot(0), late, closed=True)

@@ -40,6 +40,7 @@ from caesura_protocol.formats.sample_checks import (
     stray_places,
 )
 from caesura_protocol.keys import NAME_PATTERN
+from caesura_protocol.lost_samples import Loss, losses_in_words, parse_losses
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, FORCE_FRAMES, WRENCH_SOURCES, Quantity
 from caesura_protocol.number_words import counted
 from caesura_protocol.package_version_and_extras import import_extra
@@ -49,6 +50,7 @@ from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import (
     ASSUMED_FLAG,
     ASSUMED_FRAME,
+    LOST,
     OPTIONS,
     STATED,
     Recording,
@@ -131,6 +133,7 @@ def load_recording(
     options |= {key: value for key, value in overrides.items() if value is not None}
     ignored = [*ignored, *_without_wrench(arrays, options), *_without_force(arrays, force_frame)]
     _convert(path, raw, stated)
+    lost = _losses(path, options, stated)
     signals = {s: _as_matrix(arrays[s]) for s in COLUMNS_OF_SIGNAL if s in arrays}
     assumes_frame = "force" in signals and "force_frame" not in options
     options |= of_cell
@@ -144,6 +147,7 @@ def load_recording(
         setting=CellSettings(**asked),
         assumed=(*raw.assumed, *_assumed_of(signals, assumes_frame=assumes_frame)),
         lines=raw.lines,
+        lost=lost,
         **options,  # type: ignore[arg-type]
     )
     if check_units:
@@ -155,7 +159,8 @@ def load_recording(
         check_clock(recording)
     slow = slow_pose(recording.t, recording.signals)
     of_places = filter(None, (slow, stray_places(recording), leaping_places(recording)))
-    recording = replace(recording, cautions=(*left_out(recording), *of_places))
+    losses = (losses_in_words(lost),) if lost else ()
+    recording = replace(recording, cautions=(*losses, *left_out(recording), *of_places))
     return recording if as_stated else _with_usable_wrench(recording)
 
 
@@ -177,6 +182,17 @@ def _convert(path: Path, raw: RawRecording, stated: Mapping[Quantity, str]) -> N
     for quantity, name in _CONVERTED.items():
         if quantity in stated and name in raw.arrays:
             raw.arrays[name] = raw.arrays[name] * UNITS[quantity][stated[quantity]]
+
+
+def _losses(path: Path, options: dict[str, str], stated: Mapping[Quantity, str]) -> tuple[Loss, ...]:
+    """Remove the losses from a file's options and return them in s. Raises RecordingError."""
+    if LOST not in options:
+        return ()
+    seconds = UNITS["time"][stated.get("time", "s")]
+    try:
+        return tuple((seconds * t0, seconds * tn) for t0, tn in parse_losses(options.pop(LOST)))
+    except ValueError as error:
+        raise RecordingError(f"{path}: {error}") from error
 
 
 def _with_usable_wrench(recording: Recording) -> Recording:

@@ -31,4 +31,5 @@ def stated_recording(
         length_unit=unit,
         name=status.session,
         setting=CellSettings(program.force_limit_n, robot=program.robot, up=wrench.up),
+        description=status.description,
     )

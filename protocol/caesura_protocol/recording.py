@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.columns import JOINT_SIGNALS
+from caesura_protocol.description_texts import DESCRIBED, description_texts
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.lost_samples import Loss, losses_text
 from caesura_protocol.messages import (
@@ -40,6 +41,7 @@ from caesura_protocol.messages import (
     LENGTH_UNITS,
     WRENCH_SOURCES,
     Assumption,
+    Description,
     ForceFrame,
     HandOnRobot,
     LengthUnit,
@@ -75,8 +77,8 @@ class Recording:
     implausible values are accepted, and `doubts` reports them. setting: the cell's requirements on the
     program. assumed: the reader's assumptions about what the file leaves open; cautions: omitted or suspect
     parts, with the reason; one sentence each. lines: line numbers of the samples in a text file. lost: the
-    times [s] beside samples that were lost on the way. Raises RecordingError for an invalid shape, name,
-    unit or time.
+    times [s] beside samples that were lost on the way. description: operators' statements about it. Raises
+    RecordingError for an invalid shape, name, unit or time.
     """
 
     t: Array
@@ -93,6 +95,7 @@ class Recording:
     cautions: tuple[str, ...] = field(default=(), compare=False)
     lines: tuple[int, ...] = field(default=(), compare=False, repr=False)
     lost: tuple[Loss, ...] = ()
+    description: Description = field(default_factory=Description)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
@@ -200,12 +203,12 @@ class Recording:
 
     @property
     def file_statements(self) -> dict[str, str]:
-        """Return what a file states: the options, and the order of quaternions where it is assumed.
+        """Return what a file states: options, description, and the order of quaternions where it is assumed.
 
         An npz leaves that order out instead: without it the reader assumes it again.
         """
         order = {ASSUMED_IN_FILE: "quaternion_order"} if "quaternion_order" in self.assumptions else {}
-        return self.stated_options | order
+        return self.stated_options | description_texts(self.description) | order
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -219,7 +222,8 @@ class Recording:
     def save(self, path: Path) -> None:
         """Write the recording as npz."""
         arrays = {s: v[:, 0] if v.shape[1] == 1 else v for s, v in self.signals.items()}
-        options = {key: np.array(value) for key, value in self.stated_options.items()}
+        stated = self.stated_options | description_texts(self.description)
+        options = {key: np.array(value) for key, value in stated.items()}
         if "quat" in arrays and "quaternion_order" not in self.assumptions:
             options[QUATERNION_ORDER] = np.array("xyzw")
         np.savez_compressed(path, t=self.t, **arrays, **options)  # type: ignore[arg-type]
@@ -260,7 +264,8 @@ OPTIONS: Mapping[str, tuple[str, ...]] = {
     "length_unit": LENGTH_UNITS,
 }
 LOST = "lost"  # key of the losses in a file
-STATED = (*OPTIONS, *CellSettings._fields, LOST)  # all that a file may state
+STATED = (*OPTIONS, *CellSettings._fields, LOST)  # all that a file may state about its samples
+OF_FILE = (*STATED, *DESCRIBED)  # all that a file may state
 #: How the columns of `quat` are ordered in an npz file, whose arrays have no names of columns.
 QUATERNION_ORDER, QUATERNION_ORDERS = "quaternion_order", ("xyzw", "wxyz")
 ASSUMED_ORDER = (

@@ -17,7 +17,7 @@ from caesura_protocol.batching import Batcher
 from caesura_protocol.codec import pack_samples, signals_of
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.lost_samples import losses_of, rows_after_losses
-from caesura_protocol.messages import Close, Open, SampleBatch
+from caesura_protocol.messages import Close, Describe, Description, Open, SampleBatch
 from caesura_protocol.programs.safety import UNSET, CellSettings
 from caesura_protocol.recording import ASSUMED, Recording, RecordingError
 from caesura_service.journal import Record
@@ -111,19 +111,26 @@ def _counted_from(taken: int, error: str) -> str:
 
 
 def recording_of(records: Iterable[Record]) -> Recording:
-    """Return the samples of a session's records, in order, with their losses.
+    """Return the samples of a session's records, in order, with their losses, and the description.
 
     Raises RecordingError without samples.
     """
     opening: Open | None = None
+    description = Description()
     last: int | None = None
     taken: dict[int, NDArray[np.float64]] = {}
     for record in records:
         match record.message:
             case Open():
+                if opening is None:
+                    description = record.message.description or description
                 opening = record.message
-            case Close(last_seq=seq):
+            case Describe() as change:
+                description = change.description
+            case Close(last_seq=seq, success=success):
                 last = seq
+                if success is not None:
+                    description = description.model_copy(update={"success": success})
             case SampleBatch() as batch if opening is not None:
                 with suppress(ProtocolError):  # it was refused when it came
                     taken[batch.seq] = validated_samples(batch, opening.columns, Limits())
@@ -142,6 +149,7 @@ def recording_of(records: Iterable[Record]) -> Recording:
         setting=CellSettings(*(getattr(opening, name) for name in CellSettings._fields)),
         name=opening.session,
         lost=losses_of({seq: (float(one[0, 0]), float(one[-1, 0])) for seq, one in taken.items()}, last),
+        description=description,
     )
 
 

@@ -2,14 +2,18 @@
 
 import threading
 from contextlib import ExitStack
+from dataclasses import replace
 from datetime import datetime
 
 import numpy as np
 import pytest
 
 from caesura_clients.bridge import Bridge, BridgeSettings, new_session_name
+from caesura_clients.bridge.sources.file import FileSource
+from caesura_clients.bridge.sources.paced_source import FAST
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
 from caesura_protocol.keys import NAME_PATTERN, station_key
+from caesura_protocol.messages import Description
 from caesura_protocol.programs.safety import CellSettings
 from clients.bridging import QUICK, REPLAY_KEY, Losing, assert_everything_arrived, file_source, replayed
 from clients.examples import LiveSource, samples
@@ -36,6 +40,17 @@ def test_the_service_receives_what_the_source_is(memory):
     assert (opening.session, opening.epoch, opening.preset) == ("mine", 3, "people")
     assert opening.columns == source.columns
     assert (opening.wrench_source, opening.force_frame, opening.length_unit) == ("flange_sensor", "base", "m")
+
+
+@pytest.mark.parametrize("stated", [None, Description(task="wipe", tags=("dry",))])
+def test_a_recording_that_is_played_keeps_its_description_where_nothing_else_is_stated(memory, stated):
+    of_file = Description(task="press", operator="Ann", tags=("wet",), success=False)
+    played = FileSource(replace(file_source(20).recording, description=of_file), pace=FAST)
+    bridge = Bridge(memory.transport(), "cell-1", played, session="mine", description=stated)
+    with FakeService(memory.transport()) as service, bridge:
+        bridge.run()
+    kept = of_file if stated is None else of_file.model_copy(update={"task": "wipe", "tags": ("dry",)})
+    assert service.openings[0].description == kept
 
 
 @pytest.mark.parametrize(

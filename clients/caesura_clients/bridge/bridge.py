@@ -488,6 +488,14 @@ def _ignored_up(opening: Open, ack: Ack) -> str | None:
     )
 
 
+def _described(stated: Description | None, of_source: Description | None) -> Description | None:
+    """Return a description, completed by that of the source where it states nothing."""
+    if of_source is None or of_source == Description():
+        return stated
+    own = {} if stated is None else stated.model_dump(exclude_defaults=True)
+    return of_source.model_copy(update=own)
+
+
 def _opening(
     source: Source,
     session: str,
@@ -519,7 +527,7 @@ def _opening(
             **stated._asdict(),
             declared_units=getattr(source, "declared_units", ()),
             assumed=getattr(source, "assumed", ()),
-            description=description,
+            description=_described(description, getattr(source, "description", None)),
         )
     except ValidationError as error:
         raise SourceError(f"the source: {first_finding(error)}") from error

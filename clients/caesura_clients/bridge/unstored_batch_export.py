@@ -11,8 +11,7 @@ import numpy as np
 from caesura_clients.bridge.replay_ring import StoredBatch
 from caesura_protocol.codec import decode, signals_of, unpack_samples
 from caesura_protocol.formats.write import write_npz
-from caesura_protocol.lost_samples import losses_of
-from caesura_protocol.messages import Open, SampleBatch
+from caesura_protocol.messages import Description, Open, SampleBatch
 from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import ASSUMED, Recording
 
@@ -22,8 +21,7 @@ def save_unstored(station: str, opening: Open, batches: Sequence[StoredBatch], f
 
     Another file of this name stays; this one then has a number before `unstored`.
     """
-    parts = {one.seq: unpack_samples(decode(*one.content, SampleBatch)) for one in batches}
-    rows = np.concatenate([*parts.values()])
+    rows = np.concatenate([unpack_samples(decode(*one.content, SampleBatch)) for one in batches])
     recording = Recording(
         rows[:, 0],
         signals_of(opening.columns, rows),
@@ -34,7 +32,7 @@ def save_unstored(station: str, opening: Open, batches: Sequence[StoredBatch], f
         assumed=tuple(ASSUMED[one] for one in opening.assumed),
         name=opening.session,
         setting=CellSettings(**{name: getattr(opening, name) for name in CellSettings._fields}),
-        lost=losses_of({seq: (float(one[0, 0]), float(one[-1, 0])) for seq, one in parts.items()}),
+        description=opening.description or Description(),
     )
     name = f"{station}.{opening.session}"  # a dot is in neither
     paths = (folder / f"{name}{number}.unstored.npz" for number in chain([""], map(".{}".format, count(2))))

@@ -119,6 +119,5 @@ def _write_mcap(out: Path, station: str, found: RecordedSession) -> None:
             phases=snapshot.segments.phases,
             program=mcap.TaskProgram.of(snapshot.program),
             wrench_note=snapshot.status.wrench.note,
-            more=content.more | mcap.description_texts(snapshot.status.description),
         )
     mcap.write_mcap(out, content)

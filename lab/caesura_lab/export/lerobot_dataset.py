@@ -32,13 +32,13 @@ def write_sessions(
         EpisodeSource(
             station=one.station,
             session=one.opening.session,
-            task=task or one.description.task or one.opening.session,
+            task=task or one.recording.description.task or one.opening.session,
             recording=one.recording,
             segments=tuple(one.view.segments),
             phases=tuple(one.view.phases),
             gaps=tuple(one.view.gaps),
             began_s=one.began_s,
-            success=stated.get(one.opening.session, one.description.success),
+            success=stated.get(one.opening.session, one.recording.description.success),
         )
         for one in sessions
     ]

@@ -16,7 +16,6 @@ from caesura_protocol.formats.mcap_write import (
     McapMessage,
     Poses,
     decimate,
-    description_texts,
 )
 from caesura_protocol.formats.mcap_write import entries as entries_of
 from caesura_protocol.formats.mcap_write import write_mcap as write
@@ -52,7 +51,6 @@ def content_of(session: SessionExport) -> McapContent:
         gaps=view.gaps,
         program=session.program,
         wrench_note=view.wrench.note,
-        more=description_texts(session.description),
     )
 
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from caesura_protocol.codec import unpack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.formats.mcap_schemas import TaskProgram
-from caesura_protocol.messages import Close, Describe, Description, Open, Program, SampleBatch
+from caesura_protocol.messages import Open, Program, SampleBatch
 from caesura_protocol.recording import Recording, RecordingError
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.journal import Journal, MemoryJournal, Outcome, Record
@@ -41,7 +41,6 @@ class SessionExport:
     began_s: float  # [s] time of day at the session's time 0
     view: PipelineView
     program: TaskProgram  # as people edited it
-    description: Description = field(default_factory=Description)  # what people state about it
 
 
 def read_session_export(journal: Journal, station: str, session: str) -> SessionExport:
@@ -51,21 +50,8 @@ def read_session_export(journal: Journal, station: str, session: str) -> Session
     outcome = _whole_outcome(journal, station, session)
     view, program = _result_of_records(records) if outcome is None else _result_of_outcome(outcome)
     opening = [record.message for record in records if isinstance(record.message, Open)][-1]
-    began_s, description = _session_began_s(records), description_of(records)
-    return SessionExport(station, opening, recording, began_s, view, TaskProgram.of(program), description)
-
-
-def description_of(records: Sequence[Record]) -> Description:
-    """Return the description of a session from its records: of its opening, changes, success at its close."""
-    first = records[0].message
-    found = (first.description if isinstance(first, Open) else None) or Description()
-    for record in records:
-        match record.message:
-            case Describe() as change:
-                found = change.description
-            case Close(success=bool() as success):
-                found = found.model_copy(update={"success": success})
-    return found
+    began_s = _session_began_s(records)
+    return SessionExport(station, opening, recording, began_s, view, TaskProgram.of(program))
 
 
 def _with_preset(record: Record) -> Record:

@@ -27,6 +27,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from caesura_protocol.description_texts import DESCRIBED
 from caesura_protocol.formats.episode_frames import Episode, EpisodeError, FeatureSpec, subtask_of_frame
 
 VERSION = "v3.0"
@@ -292,6 +293,9 @@ def _details(episode: Episode) -> dict[str, Any]:
         "first_frame_s": float(one.recording.t.min()),  # session clock
         **one.recording.stated_options,
         "assumed": [*one.recording.assumed],
+        "description": one.recording.description.model_dump(
+            mode="json", exclude_defaults=True, include=set(DESCRIBED)
+        ),
         "segments": [segment.model_dump(mode="json", exclude_none=True) for segment in one.segments],
         "phases": [phase.model_dump(mode="json", exclude_none=True) for phase in one.phases],
         "gaps": [

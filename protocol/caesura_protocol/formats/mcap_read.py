@@ -23,7 +23,7 @@ from caesura_protocol.formats.mcap_write import METADATA
 from caesura_protocol.formats.raw_recording import Array, RawRecording
 from caesura_protocol.messages import Message
 from caesura_protocol.number_words import counted
-from caesura_protocol.recording import STATED, assumed_by_writer
+from caesura_protocol.recording import OF_FILE, assumed_by_writer
 
 ROS2 = "ros2"  # the profile of a rosbag2
 T = TypeVar("T")
@@ -83,7 +83,7 @@ def _content(stream: IO[bytes]) -> RawRecording:
                 raise ValueError(
                     f"{topic} has {counted(len(values), 'sample')} at other times than /state has"
                 )
-    options = {key: said[key] for key in STATED if key in said}
+    options = {key: said[key] for key in OF_FILE if key in said}
     return RawRecording(arrays, options, [], assumed_by_writer(said))
 
 

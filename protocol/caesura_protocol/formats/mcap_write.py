@@ -30,7 +30,7 @@ from caesura_protocol.formats.mcap_schemas import (
     schema_of,
 )
 from caesura_protocol.formats.write import whole_file
-from caesura_protocol.messages import Changepoint, Description, Gap, Message, Phase, Segment
+from caesura_protocol.messages import Changepoint, Gap, Message, Phase, Segment
 from caesura_protocol.package_version_and_extras import installed_version
 from caesura_protocol.recording import Recording
 
@@ -150,14 +150,6 @@ def _assumed_orientation(content: McapContent) -> dict[str, str]:
     if not is_drawn or "quat" in content.recording.signals:
         return {}
     return {"orientation": "not recorded: /tf and /path show the axes of the base"}
-
-
-def description_texts(description: Description) -> dict[str, str]:
-    """Return an operator's statements as metadata: texts, and other values as JSON. What is not stated is
-    left out.
-    """
-    stated = description.model_dump(mode="json", exclude_defaults=True, exclude={"deleted"})
-    return {key: value if isinstance(value, str) else json.dumps(value) for key, value in stated.items()}
 
 
 def _channel(writer: Writer, topic: str) -> int:

@@ -9,19 +9,20 @@ from zipfile import is_zipfile
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_protocol.description_texts import DESCRIBED
 from caesura_protocol.formats.calendar_time import CALENDAR, seconds_of_array
 from caesura_protocol.formats.raw_recording import Array, RawRecording
 from caesura_protocol.recording import (
     ARRAYS,
     ASSUMED_ORDER,
+    OF_FILE,
     QUATERNION_ORDER,
     QUATERNION_ORDERS,
-    STATED,
     RecordingError,
 )
 from caesura_protocol.up_direction import UP, up_text
 
-NPZ_STATED = (*STATED, QUATERNION_ORDER)
+NPZ_STATED = (*OF_FILE, QUATERNION_ORDER)
 
 
 def read_npz(path: Path) -> RawRecording:
@@ -34,6 +35,8 @@ def read_npz(path: Path) -> RawRecording:
     with np.load(path, allow_pickle=False) as file:
         found = {key: _loaded(file, key) for key in (*ARRAYS, *NPZ_STATED) if key in file.files}
         ignored = [key for key in file.files if key not in {*ARRAYS, *NPZ_STATED}]
+    several = [key for key in DESCRIBED if key in found and found[key].size != 1]  # of other software
+    ignored += several
     assumed: list[str] = []
     t = found.get("t", np.empty(0))
     if has_calendar_time := t.dtype.kind in "mM" and t.ndim == 1 and t.size > 0:
@@ -41,7 +44,7 @@ def read_npz(path: Path) -> RawRecording:
         found["t"] = times.t
         assumed.append(CALENDAR.format(times.first))
     arrays = {key: _as_numbers(path, key, found[key]) for key in ARRAYS if key in found}
-    options = {key: _as_text(path, key, found[key]) for key in NPZ_STATED if key in found}
+    options = {key: _as_text(path, key, found[key]) for key in NPZ_STATED if key in {*found} - {*several}}
     order = options.pop(QUATERNION_ORDER, None)
     if "quat" in arrays:
         assumed += _in_order(path, arrays, order)

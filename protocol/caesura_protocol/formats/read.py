@@ -15,6 +15,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from caesura_protocol.columns import missing_columns, signal_columns
+from caesura_protocol.description_texts import DESCRIBED, parse_description
 from caesura_protocol.formats.calendar_time import CALENDAR, EXPECTED, is_calendar_time, seconds_of
 from caesura_protocol.formats.csv_layout_detection import (
     DELIMITERS,
@@ -51,6 +52,7 @@ from caesura_protocol.recording import (
     ASSUMED_FLAG,
     ASSUMED_FRAME,
     LOST,
+    OF_FILE,
     OPTIONS,
     STATED,
     Recording,
@@ -134,6 +136,8 @@ def load_recording(
     ignored = [*ignored, *_without_wrench(arrays, options), *_without_force(arrays, force_frame)]
     _convert(path, raw, stated)
     lost = _losses(path, options, stated)
+    description, undescribed = parse_description(options)
+    options = {key: value for key, value in options.items() if key not in DESCRIBED}
     signals = {s: _as_matrix(arrays[s]) for s in COLUMNS_OF_SIGNAL if s in arrays}
     assumes_frame = "force" in signals and "force_frame" not in options
     options |= of_cell
@@ -142,12 +146,13 @@ def load_recording(
         arrays["t"],
         signals,
         name=path.name,
-        ignored=tuple(ignored),
+        ignored=(*ignored, *undescribed),
         declared_units=tuple(stated),
         setting=CellSettings(**asked),
         assumed=(*raw.assumed, *_assumed_of(signals, assumes_frame=assumes_frame)),
         lines=raw.lines,
         lost=lost,
+        description=description,
         **options,  # type: ignore[arg-type]
     )
     if check_units:
@@ -398,7 +403,7 @@ def _read_csv(path: Path, mapping: Path | None, wrench: WrenchStatement) -> RawR
     if "t" in column:
         arrays["t"] = column["t"]
     known = {"t", *(name for names in COLUMNS_OF_SIGNAL.values() for name in names)}
-    options = {key: value for key, value in stated.items() if key in STATED}
+    options = {key: value for key, value in stated.items() if key in OF_FILE}
     assumed += assumed_by_writer(stated)
     # Other comments are for people, unless they look like an option.
     mistyped = [key for key in stated if key not in STATED and did_you_mean(key) in STATED]

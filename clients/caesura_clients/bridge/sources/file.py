@@ -26,6 +26,7 @@ class FileSource(PacedSource):
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self.recording = recording
+        self.description = recording.description
         super().__init__(
             lambda: pieces(recording.matrix()),
             columns=recording.columns,

@@ -32,4 +32,5 @@ def stated_recording(
         name=status.session,
         setting=CellSettings(program.force_limit_n, robot=program.robot, up=wrench.up),
         description=status.description,
+        changes=program.revision + program.edit_revision,
     )

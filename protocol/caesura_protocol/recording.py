@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from caesura_protocol.columns import JOINT_SIGNALS
 from caesura_protocol.description_texts import DESCRIBED, description_texts
 from caesura_protocol.errors import CaesuraError
-from caesura_protocol.lost_samples import Loss, losses_text
+from caesura_protocol.lost_samples import Loss, losses_in_words, losses_text
 from caesura_protocol.messages import (
     COLUMNS_OF_SIGNAL,
     FORCE_FRAMES,
@@ -49,6 +49,7 @@ from caesura_protocol.messages import (
     Vector,
     WrenchSource,
 )
+from caesura_protocol.number_words import counted
 from caesura_protocol.plausibility import UNITS, WIRE_UNIT, Implausible, doubts, implausible
 from caesura_protocol.programs.safety import UNSET, CellSettings
 
@@ -77,8 +78,9 @@ class Recording:
     implausible values are accepted, and `doubts` reports them. setting: the cell's requirements on the
     program. assumed: the reader's assumptions about what the file leaves open; cautions: omitted or suspect
     parts, with the reason; one sentence each. lines: line numbers of the samples in a text file. lost: the
-    times [s] beside samples that were lost on the way. description: operators' statements about it. Raises
-    RecordingError for an invalid shape, name, unit or time.
+    times [s] beside samples that were lost on the way. description: operators' statements about it. changes:
+    how often people changed its results, which its samples do not show. Raises RecordingError for an invalid
+    shape, name, unit or time.
     """
 
     t: Array
@@ -96,6 +98,7 @@ class Recording:
     lines: tuple[int, ...] = field(default=(), compare=False, repr=False)
     lost: tuple[Loss, ...] = ()
     description: Description = field(default_factory=Description)
+    changes: int = 0  # corrections and edits of the program; undo and redo count
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
@@ -195,11 +198,18 @@ class Recording:
 
     @property
     def stated_options(self) -> dict[str, str]:
-        """Return the options by name, and the losses, without those that the recording does not state."""
+        """Return the options by name, losses and changes, without those that the recording does not state."""
         values = {key: getattr(self, key) for key in OPTIONS if key not in self.assumptions}
         lost = {LOST: losses_text(self.lost)} if self.lost else {}
+        changes = {CHANGES: str(self.changes)} if self.changes else {}
         stated = {key: value for key, value in values.items() if value not in NOT_STATED}
-        return stated | self.setting.stated_texts | lost
+        return stated | self.setting.stated_texts | lost | changes
+
+    @property
+    def beyond_samples(self) -> tuple[str, ...]:
+        """Sentences on what the samples do not show: losses, and changes that people made to the results."""
+        lost = (losses_in_words(self.lost),) if self.lost else ()
+        return (*lost, CHANGED.format(counted(self.changes, "time"))) if self.changes else lost
 
     @property
     def file_statements(self) -> dict[str, str]:
@@ -264,7 +274,12 @@ OPTIONS: Mapping[str, tuple[str, ...]] = {
     "length_unit": LENGTH_UNITS,
 }
 LOST = "lost"  # key of the losses in a file
-STATED = (*OPTIONS, *CellSettings._fields, LOST)  # all that a file may state about its samples
+CHANGES = "changes_by_people"  # key of their number in a file
+CHANGED = (
+    "People changed the results of this session {}, by corrections or edits of the program: "
+    "what is inferred from its samples has none of these changes."
+)
+STATED = (*OPTIONS, *CellSettings._fields, LOST, CHANGES)  # all that a file may state about its samples
 OF_FILE = (*STATED, *DESCRIBED)  # all that a file may state
 #: How the columns of `quat` are ordered in an npz file, whose arrays have no names of columns.
 QUATERNION_ORDER, QUATERNION_ORDERS = "quaternion_order", ("xyzw", "wxyz")

@@ -17,7 +17,7 @@ from caesura_protocol.batching import Batcher
 from caesura_protocol.codec import pack_samples, signals_of
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.lost_samples import losses_of, rows_after_losses
-from caesura_protocol.messages import Close, Describe, Description, Open, SampleBatch
+from caesura_protocol.messages import Close, Describe, Description, Edit, EditProgram, Open, SampleBatch
 from caesura_protocol.programs.safety import UNSET, CellSettings
 from caesura_protocol.recording import ASSUMED, Recording, RecordingError
 from caesura_service.journal import Record
@@ -111,12 +111,12 @@ def _counted_from(taken: int, error: str) -> str:
 
 
 def recording_of(records: Iterable[Record]) -> Recording:
-    """Return the samples of a session's records, in order, with their losses, and the description.
+    """Return the samples of a session's records, in order, with losses, description and number of changes.
 
     Raises RecordingError without samples.
     """
     opening: Open | None = None
-    description = Description()
+    description, changes = Description(), 0
     last: int | None = None
     taken: dict[int, NDArray[np.float64]] = {}
     for record in records:
@@ -127,6 +127,8 @@ def recording_of(records: Iterable[Record]) -> Recording:
                 opening = record.message
             case Describe() as change:
                 description = change.description
+            case Edit() | EditProgram():
+                changes += 1
             case Close(last_seq=seq, success=success):
                 last = seq
                 if success is not None:
@@ -150,6 +152,7 @@ def recording_of(records: Iterable[Record]) -> Recording:
         name=opening.session,
         lost=losses_of({seq: (float(one[0, 0]), float(one[-1, 0])) for seq, one in taken.items()}, last),
         description=description,
+        changes=changes,
     )
 
 

@@ -17,7 +17,6 @@ from caesura_clients.cli.options import grouped, reported
 from caesura_lab.commands.dataset_export_options import DATASET_OPTIONS, DatasetOptions, write_dataset
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
 from caesura_protocol.formats.write import write_npz
-from caesura_protocol.lost_samples import losses_in_words
 from caesura_protocol.number_words import counted
 from caesura_protocol.package_version_and_extras import install_command
 from caesura_protocol.recording import Recording
@@ -202,8 +201,8 @@ def _write_file(matches: Found, out: Path, chosen: Format) -> str:
     key, copies = matches
     with _open_journal(copies[0].path) as journal:
         recording = WRITERS[chosen](journal, key, out)
-    if recording.lost:
-        typer.echo(losses_in_words(recording.lost), err=True)
+    for line in recording.beyond_samples:
+        typer.echo(line, err=True)
     return f"{counted(recording.t.size, 'sample')}, {recording.t[-1] - recording.t[0]:.2f} s"
 
 

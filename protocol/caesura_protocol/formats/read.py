@@ -41,7 +41,7 @@ from caesura_protocol.formats.sample_checks import (
     stray_places,
 )
 from caesura_protocol.keys import NAME_PATTERN
-from caesura_protocol.lost_samples import Loss, losses_in_words, parse_losses
+from caesura_protocol.lost_samples import Loss, parse_losses
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, FORCE_FRAMES, WRENCH_SOURCES, Quantity
 from caesura_protocol.number_words import counted
 from caesura_protocol.package_version_and_extras import import_extra
@@ -51,6 +51,7 @@ from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import (
     ASSUMED_FLAG,
     ASSUMED_FRAME,
+    CHANGES,
     LOST,
     OF_FILE,
     OPTIONS,
@@ -135,7 +136,7 @@ def load_recording(
     options |= {key: value for key, value in overrides.items() if value is not None}
     ignored = [*ignored, *_without_wrench(arrays, options), *_without_force(arrays, force_frame)]
     _convert(path, raw, stated)
-    lost = _losses(path, options, stated)
+    lost, changes = _losses(path, options, stated), _changes(path, options)
     description, undescribed = parse_description(options)
     options = {key: value for key, value in options.items() if key not in DESCRIBED}
     signals = {s: _as_matrix(arrays[s]) for s in COLUMNS_OF_SIGNAL if s in arrays}
@@ -152,6 +153,7 @@ def load_recording(
         assumed=(*raw.assumed, *_assumed_of(signals, assumes_frame=assumes_frame)),
         lines=raw.lines,
         lost=lost,
+        changes=changes,
         description=description,
         **options,  # type: ignore[arg-type]
     )
@@ -164,8 +166,7 @@ def load_recording(
         check_clock(recording)
     slow = slow_pose(recording.t, recording.signals)
     of_places = filter(None, (slow, stray_places(recording), leaping_places(recording)))
-    losses = (losses_in_words(lost),) if lost else ()
-    recording = replace(recording, cautions=(*losses, *left_out(recording), *of_places))
+    recording = replace(recording, cautions=(*recording.beyond_samples, *left_out(recording), *of_places))
     return recording if as_stated else _with_usable_wrench(recording)
 
 
@@ -187,6 +188,14 @@ def _convert(path: Path, raw: RawRecording, stated: Mapping[Quantity, str]) -> N
     for quantity, name in _CONVERTED.items():
         if quantity in stated and name in raw.arrays:
             raw.arrays[name] = raw.arrays[name] * UNITS[quantity][stated[quantity]]
+
+
+def _changes(path: Path, options: dict[str, str]) -> int:
+    """Remove the number of changes from a file's options and return it. Raises RecordingError."""
+    count = options.pop(CHANGES, "0")
+    if re.fullmatch("[0-9]{1,9}", count) is None:
+        raise RecordingError(f"{path}: {CHANGES} is {count!r}, expected their number")
+    return int(count)
 
 
 def _losses(path: Path, options: dict[str, str], stated: Mapping[Quantity, str]) -> tuple[Loss, ...]:

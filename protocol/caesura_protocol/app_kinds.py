@@ -48,25 +48,28 @@ class AppKindFacts(NamedTuple):
         return "holding" in self.preconditions
 
 
-_PATH = ("via", "turning", "arrives", "length", "max_speed", "max_turn")
+_PATH = ("via", "turning", "arrives", "end_velocity", "end_turning", "length", "max_speed", "max_turn")
 _SCREW = ("axis", "axis_point", "angle", "pitch", "torque")
 _POSE = ("target", "orientation", "joints", "seconds")
 _PLACE = (*_POSE, *_PATH, *_SCREW, "max_force")
+_SEARCH = ("contact_force", "contact_speed", "search")
 _PRESS = ("force", "force_taught", "waits", "force_before", "force_after", *_PLACE)
 
 APP_KINDS: Mapping[AppKind, AppKindFacts] = MappingProxyType(
     {
         "cartesian_motion": AppKindFacts("move", ("target",), ("reachable",), _PLACE, travels=True),
         "move_to_contact": AppKindFacts(
-            "move to contact", ("target",), ("reachable",), (*_PLACE, "contact_force", "search"), travels=True
+            "move to contact", ("target",), ("reachable",), (*_PLACE, *_SEARCH), travels=True
         ),
         "apply_force": AppKindFacts("apply force", ("force",), ("in_contact",), _PRESS, in_contact=True),
-        "grasp": AppKindFacts("grasp", (), ("not_holding",), ("width",), in_contact=True),
-        "gripper_move": AppKindFacts("move gripper", (), (), ("width",), in_contact=True),
-        "transport": AppKindFacts(
-            "transport", ("target",), ("reachable", "holding"), (*_PLACE, "load"), travels=True
+        "grasp": AppKindFacts(
+            "grasp", (), ("not_holding",), ("width", "grip_force", "grip_speed"), in_contact=True
         ),
-        "hold": AppKindFacts("hold", ("target",), ("reachable", "holding"), (*_PLACE, "load")),
+        "gripper_move": AppKindFacts("move gripper", (), (), ("width", "grip_speed"), in_contact=True),
+        "transport": AppKindFacts(
+            "transport", ("target",), ("reachable", "holding"), (*_PLACE, *_SEARCH, "load"), travels=True
+        ),
+        "hold": AppKindFacts("hold", ("target",), ("reachable", "holding"), (*_PLACE, *_SEARCH, "load")),
     }
 )
 

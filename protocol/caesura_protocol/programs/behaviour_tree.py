@@ -19,15 +19,18 @@ from xml.etree import ElementTree as Xml
 import numpy as np
 
 from caesura_protocol.app_force_limit import is_path_limited
-from caesura_protocol.app_kinds import APP_KINDS, AppKind, app_number, step_title
+from caesura_protocol.app_kinds import APP_KINDS, AppKind, app_number, ends_in_contact, step_title
 from caesura_protocol.messages import AppPath
 from caesura_protocol.programs.app_time_shifts import rests_of
 from caesura_protocol.programs.apps_by_phase import groups_by_first
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.export_limits import refuse_impossible
 from caesura_protocol.programs.planned_apps import LEAST_PAUSE_S, pause_between
+from caesura_protocol.programs.program_gripper import gripper_of, within_gripper
+from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.script_templates import findings_by_app, texts_of_people
 from caesura_protocol.reproduced_path import turning_at_points
+from caesura_protocol.robots import GripperDescription, GripperError, RobotError
 from caesura_protocol.screw_torque_and_text import torque_about_axis
 
 DOUBLE, DOUBLES = "double", "std::vector<double>"
@@ -53,8 +56,13 @@ LOAD = Port("load", DOUBLE, "what is carried [kg]")
 SPEED = Port("max_speed", DOUBLE, "limit of the flange's speed [m/s]")
 TURN = Port("max_turn", DOUBLE, "limit of the flange's rate of turn [rad/s]")
 MOST = Port("max_force", DOUBLE, "force at which to stop [N]")
-CONTACT = Port("contact_force", DOUBLE, "force from which a contact is one [N]")
+CONTACT = Port(
+    "contact_force", DOUBLE, "force from which a contact is one [N]; without it none is looked for"
+)
+SLOW = Port("contact_speed", DOUBLE, "speed at which a contact is looked for [m/s]")
 SEARCH = Port("search", DOUBLE, "how far past the target a contact is looked for [m]")
+GRIP_FORCE = Port("grip_force", DOUBLE, "of the fingers [N]")
+GRIP_SPEED = Port("grip_speed", DOUBLE, "of the fingers [m/s]")
 
 VIA = Port(
     "via",
@@ -66,6 +74,10 @@ TURNING = Port(
     "turning", DOUBLES, "x;y;z of the rate of turn at the start and each via point, base frame [rad/s]"
 )
 ARRIVES = Port("arrives", DOUBLE, "time of the target since the start of the path [s]")
+END_VELOCITY = Port(
+    "end_velocity", DOUBLES, "x;y;z at the target, on into the next app [m/s]; without it, it rests there"
+)
+END_TURNING = Port("end_turning", DOUBLES, "x;y;z of the rate of turn at the target, likewise [rad/s]")
 WAITS = Port(
     "waits",
     DOUBLE,
@@ -87,7 +99,8 @@ PORTS: Mapping[str, Port] = MappingProxyType(
         port.name: port
         for port in (
             *(TARGET, ORIENTATION, JOINTS, SECONDS, FORCE, TAUGHT, WIDTH, LOAD, SPEED, TURN, MOST, CONTACT),
-            *(SEARCH, VIA, TURNING, ARRIVES, WAITS, BEFORE, AFTER, LENGTH, AXIS, POINT, ANGLE, PITCH, TORQUE),
+            *(SLOW, SEARCH, VIA, TURNING, ARRIVES, END_VELOCITY, END_TURNING, WAITS, BEFORE, AFTER, LENGTH),
+            *(AXIS, POINT, ANGLE, PITCH, TORQUE, GRIP_FORCE, GRIP_SPEED),
         )
     }
 )
@@ -109,6 +122,11 @@ def behaviour_tree(program: ProgramFile) -> str:
     sequence = Xml.SubElement(tree, "Sequence", {"name": name})
     if program.robot is not None:
         sequence.append(_comment(f"taught on the robot {program.robot}"))
+    held_by = _gripper(program)
+    if held_by is not None:
+        sequence.append(_comment(f"for the gripper {held_by.title}"))
+    program = program.model_copy(update={"safety": within_gripper(program.safety, held_by)})
+    grips = {} if held_by is not None and held_by.kind == "suction" else _grips(program.safety)
     sequence.extend(map(_comment, comments.get(None, ())))
     whole, until = sequence, 0  # the app after the group that `sequence` is
     groups = groups_by_first(program.groups, len(program.apps))
@@ -122,9 +140,9 @@ def behaviour_tree(program: ProgramFile) -> str:
             sequence = whole
         sequence.extend(map(_comment, comments.get(index, ())))
         title = _valid(step_title(app.kind, app.name, app.target_name))
-        given = {"name": f"{app_number(index)} {title}"} | _inputs(app, program)
-        Xml.SubElement(sequence, action_name(app.kind), given)
         following = program.apps[index + 1] if index + 1 < len(program.apps) else None
+        given = {"name": f"{app_number(index)} {title}"} | _inputs(app, following, program.safety, grips)
+        Xml.SubElement(sequence, action_name(app.kind), given)
         if (pause_s := pause_between(app, following, program.safety)) >= LEAST_PAUSE_S:
             Xml.SubElement(sequence, "Sleep", {"msec": str(round(1000 * pause_s))})
     models = Xml.SubElement(root, "TreeNodesModel")
@@ -156,9 +174,28 @@ def _model(models: Xml.Element, kind: AppKind) -> None:
         Xml.SubElement(action, "input_port", {"name": port.name, "type": port.type}).text = port.meaning
 
 
-def _inputs(app: ProgramStep, program: ProgramFile) -> dict[str, str]:
-    """Return the known values of the ports of an app's action, as text by port."""
-    safety, screw = program.safety, app.screw
+def _gripper(program: ProgramFile) -> GripperDescription | None:
+    """Return the gripper of a program; None without a known one, which the findings name."""
+    try:
+        return gripper_of(program)
+    except (GripperError, RobotError):
+        return None
+
+
+def _grips(safety: Safety) -> dict[str, float]:
+    """Return the force and the speed of the fingers, by port."""
+    return {GRIP_FORCE.name: safety.grasp_force_n, GRIP_SPEED.name: safety.gripper_m_per_s}
+
+
+def _inputs(
+    app: ProgramStep, following: ProgramStep | None, safety: Safety, grips: Mapping[str, float]
+) -> dict[str, str]:
+    """Return the known values of the ports of an app's action, as text by port.
+
+    grips: force and speed of the fingers, by port.
+    """
+    screw = app.screw
+    searches = ends_in_contact(app.kind, None if following is None else following.kind)
     values: dict[str, Sequence[float] | float | None] = {
         TARGET.name: app.target,
         ORIENTATION.name: app.orientation,
@@ -169,6 +206,8 @@ def _inputs(app: ProgramStep, program: ProgramFile) -> dict[str, str]:
         VIA.name: None if app.path is None else _via(app.path),
         TURNING.name: None if app.path is None else np.ravel(turning_at_points(app)).tolist() or None,
         ARRIVES.name: None if app.path is None else app.path.tn - app.path.start.t,
+        END_VELOCITY.name: None if app.path is None else app.path.end_velocity,
+        END_TURNING.name: None if app.path is None else app.path.end_angular_velocity,
         WAITS.name: None if app.path is None else rests_of(app)[0],
         BEFORE.name: None if app.rest_before is None else app.rest_before.newton,
         AFTER.name: None if app.rest_after is None else app.rest_after.newton,
@@ -183,10 +222,12 @@ def _inputs(app: ProgramStep, program: ProgramFile) -> dict[str, str]:
         SPEED.name: safety.speed_m_per_s,
         TURN.name: safety.turn_rad_per_s,
         MOST.name: safety.felt_force_n,
-        CONTACT.name: safety.contact_n,
-        SEARCH.name: safety.search_m,
+        CONTACT.name: safety.contact_n if searches else None,
+        SLOW.name: safety.contact_speed_m_per_s if searches else None,
+        SEARCH.name: safety.search_m if searches else None,
     }
-    ports = [(name, values[name]) for name in APP_KINDS[app.kind].ports]
+    values |= grips
+    ports = [(name, values.get(name)) for name in APP_KINDS[app.kind].ports]
     return {name: _text(value) for name, value in ports if value is not None}
 
 

@@ -97,6 +97,43 @@ def test_the_force_of_a_rest_beside_a_way_is_a_port() -> None:
     assert "force_before" not in even.attrib
 
 
+def test_an_app_that_goes_on_has_the_velocities_at_its_target() -> None:
+    """Its action would have stopped there: nothing in the tree named them."""
+    first = move(0.0, (0.4, 0.0, 0.3), (0.4, 0.1, 0.3))
+    assert first.path is not None
+    onward = {"end_velocity": (0.0, 0.1, 0.0), "end_angular_velocity": (0.0, 0.0, 0.2)}
+    first = first.model_copy(update={"path": first.path.model_copy(update=onward)})
+    one, two = tree((first, move(1.0, (0.4, 0.1, 0.3), (0.4, 0.2, 0.3)))).iterfind("BehaviorTree/Sequence/*")
+    assert (one.attrib["end_velocity"], one.attrib["end_turning"]) == ("0;0.1;0", "0;0;0.2")
+    assert "end_velocity" not in two.attrib
+
+
+def test_a_carry_that_sets_down_and_no_other_one_has_the_limits_of_a_search() -> None:
+    touch, _, lift, carry, *_ = (
+        one for one in tree(pick_and_place()).iterfind("BehaviorTree/Sequence/*") if one.tag != "Sleep"
+    )
+    for node in (touch, carry):
+        limits = [node.attrib[name] for name in ("contact_force", "contact_speed", "search")]
+        assert limits == ["4", "0.03", "0.04"]
+    assert not {"contact_force", "contact_speed", "search"} & set(lift.attrib)
+
+
+def test_fingers_have_the_force_and_the_speed_of_the_cell_within_those_of_the_gripper() -> None:
+    def fingers(gripper: str | None) -> list[dict[str, str]]:
+        program = as_file(pick_and_place()).model_copy(update={"gripper": gripper})
+        root = Xml.fromstring(behaviour_tree(program))
+        return [dict(node.attrib) for tag in ("Grasp", "GripperMove") for node in root.iterfind(f".//{tag}")]
+
+    grasp, let_go = fingers(None)
+    assert (grasp["grip_force"], grasp["grip_speed"], let_go["grip_speed"]) == ("20", "0.05", "0.05")
+    assert "grip_force" not in let_go
+    assert [one["grip_speed"] for one in fingers("robotiq_hand_e")] == ["0.05", "0.05"]
+    assert not any("grip_speed" in one for one in fingers("suction"))
+    assert fingers("unheard-of") == [grasp, let_go]  # a finding names it
+    text = behaviour_tree(as_file(pick_and_place()).model_copy(update={"gripper": "robotiq_hand_e"}))
+    assert "<!-- for the gripper Robotiq Hand-E -->" in text
+
+
 def test_a_pause_that_was_taught_between_two_apps_is_kept_up_to_its_limit() -> None:
     # It was lost: the next action began at once, and nothing said so.
     apps = (move(0.0, (0.4, 0.0, 0.3), (0.4, 0.1, 0.3)), move(2.6, (0.4, 0.1, 0.3), (0.4, 0.0, 0.3)))

@@ -21,6 +21,7 @@ from caesura_protocol.programs.script_templates import (
     felt_with_friction,
     filled_template,
     head_comments,
+    in_docstring,
     robot_of_script,
     table_of_apps,
     title_of,
@@ -46,7 +47,7 @@ def franky_script(program: ProgramFile) -> str:
     program = with_held_loads(program)
     texts = {
         MARK_NAME: title_of(program),
-        MARK_ROBOT: "Franka Panda" if robot is None else robot.title,
+        MARK_ROBOT: in_docstring("Franka Panda" if robot is None else robot.title),
         MARK_FINDINGS: head_comments(program),
         MARK_LIMITS: "\n".join(f"{name} = {value!r}  # {why}" for name, value, why in limits(program)),
         MARK_APPS: table_of_apps(program, _rows(program.apps), 96),

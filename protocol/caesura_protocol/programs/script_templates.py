@@ -65,10 +65,10 @@ def findings_as_comments(program: ProgramFile) -> dict[int | None, list[str]]:
 def texts_of_people(program: ProgramFile) -> dict[int | None, list[str]]:
     """Return the notes of apps as lines, by app from 0; None: the name of the program."""
     said: dict[int | None, list[str]] = {
-        index: [_one_line(f"note: {app.note}")] for index, app in enumerate(program.apps) if app.note
+        index: [one_line(f"note: {app.note}")] for index, app in enumerate(program.apps) if app.note
     }
     if program.name is not None:
-        said[None] = [_one_line(f"called: {program.name}")]
+        said[None] = [one_line(f"called: {program.name}")]
     return said
 
 
@@ -83,7 +83,7 @@ def findings_by_app(program: ProgramFile) -> dict[int | None, list[str]]:
     clock = clock_from(program.apps[0].t0 if program.apps else 0.0)
     for one in document_findings(program):
         text = clock.text(f"{one.severity}: {one.reason}")
-        found.setdefault(one.index, []).append(_one_line(text))
+        found.setdefault(one.index, []).append(one_line(text))
     if clock.words and found:
         found.setdefault(None, []).insert(0, f"in comments, {clock.words}")
     return found
@@ -92,7 +92,7 @@ def findings_by_app(program: ProgramFile) -> dict[int | None, list[str]]:
 def group_comments(program: ProgramFile) -> dict[int, str]:
     """Return the comment line at which each group of apps begins, by its first app from 0."""
     groups = groups_by_first(program.groups, len(program.apps))
-    return {index: _one_line(f"# === {group.heading} ===") for index, group in groups.items()}
+    return {index: one_line(f"# === {group.heading} ===") for index, group in groups.items()}
 
 
 def felt_with_friction(app: App) -> dict[str, float]:
@@ -124,7 +124,7 @@ def table_of_apps(
     return "\n".join(["APPS = [", *lines, "]"])
 
 
-def _one_line(text: str) -> str:
+def one_line(text: str) -> str:
     """Return a text without its line breaks: text after a line break would be code."""
     return " ".join(text.split())
 
@@ -135,6 +135,11 @@ def filled_template(name: str, texts: Mapping[str, str]) -> str:
     template = files("caesura_protocol.programs").joinpath(name).read_text("utf-8")
     marks = "|".join(map(re.escape, texts))
     return re.sub(marks, lambda mark: texts[mark[0]], template)  # a text may contain a mark of another one
+
+
+def in_docstring(text: str) -> str:
+    """Return a text in one line, with quotes and backslashes as a docstring needs them."""
+    return one_line(text).replace("\\", "\\\\").replace('"', '\\"')
 
 
 def title_of(program: ProgramFile) -> str:

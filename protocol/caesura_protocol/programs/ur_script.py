@@ -31,6 +31,7 @@ from caesura_protocol.programs.script_templates import (
     findings_as_comments,
     group_comments,
     head_comments,
+    one_line,
     robot_of_script,
     title_of,
 )
@@ -65,7 +66,7 @@ def ur_script(program: ProgramFile) -> str:
     lines = [line for app in planned_apps(program, acceleration) for line in writer.lines(app)]
     texts = {
         "<NAME>": title_of(program),
-        "<ROBOT>": title,
+        "<ROBOT>": one_line(title),
         "<FINDINGS>\n": head_comments(program),
         "<LIMITS>": "\n".join(f"{INDENT}{line}" for line in acting_limits(program)),
         "<HARDEST_N>": f"{hardest_n(program):.3f}",

@@ -23,6 +23,7 @@ from caesura_protocol.programs.script_templates import (
     felt_with_friction,
     filled_template,
     head_comments,
+    in_docstring,
     robot_of_script,
     table_of_apps,
     title_of,
@@ -55,7 +56,7 @@ def xarm_script(program: ProgramFile) -> str:
     rows = [_row(planned, program) for planned in planned_apps(program, acceleration)]
     texts = {
         "<NAME>": title_of(program),
-        "<ROBOT>": title,
+        "<ROBOT>": in_docstring(title),
         "<FINDINGS>\n": head_comments(program),
         "<LIMITS>": "\n".join(acting_limits(program)),
         "<ACCELERATION>": f"{acceleration:g}",

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import ast
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from shutil import copyfile
 from xml.etree.ElementTree import Comment, TreeBuilder, XMLParser, fromstring
 
 import pytest
@@ -16,6 +20,7 @@ from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.franky_script import franky_script
 from caesura_protocol.programs.ur_script import ur_script
 from caesura_protocol.programs.xarm_script import xarm_script
+from caesura_protocol.robots import description, robot_description
 from harness.programs import as_file, path_from, pick_and_place
 
 Writer = Callable[[ProgramFile], str]
@@ -143,6 +148,34 @@ def test_the_name_of_a_program_and_the_notes_of_apps_are_comments(write: Writer,
 def comments_of(xml: str) -> list[str]:
     with_comments = XMLParser(target=TreeBuilder(insert_comments=True))
     return [str(one.text) for one in fromstring(xml, with_comments).iter(Comment)]
+
+
+@pytest.fixture
+def forgets_robots() -> Iterator[None]:
+    """A robot that a test reads from a path is known to this test alone."""
+    yield
+    description._known.cache_clear()
+    robot_description.cache_clear()
+
+
+@pytest.mark.usefixtures("forgets_robots")
+@pytest.mark.parametrize(("write", "robot", "gripper"), SCRIPTS)
+def test_the_title_of_a_robot_is_no_code(write: Writer, robot: str, gripper: str, tmp_path: Path):
+    """The description of a robot of one's own is written by hand."""
+    own = robot_description(robot)
+    title = 'Arm """6""" \\u C:\\new\nimport os\x0bhalt'
+    described = own.model_dump(mode="json", exclude={"folder"}) | {"name": f"own-{robot}", "title": title}
+    (tmp_path / "robot.json").write_text(json.dumps(described), encoding="utf-8")
+    copyfile(own.urdf_path, tmp_path / own.urdf)
+    robot_description(str(tmp_path))
+    text = write(on_robot(pick_and_place(), f"own-{robot}", gripper))
+    plain = write(on_robot(pick_and_place(), robot, gripper))
+    assert len(text.splitlines()) == len(plain.splitlines())
+    if write is not ur_script:
+        module = ast.parse(text)
+        said = ast.get_docstring(module)
+        assert said is not None
+        assert 'Arm """6""" \\u C:\\new import os halt' in said
 
 
 NOT_OBSERVED = "Not observed: after 3.40 s (samples were lost). What was taught then is missing."

@@ -55,5 +55,7 @@ def write_dataset(out: Path, taught: Sequence[SessionExport], asked: DatasetOpti
         success=asked.success_of([one.opening.session for one in taught]),
         language=not asked.without_language,
     )
+    for line in (line for episode in episodes for line in episode.left_out):
+        typer.echo(line, err=True)
     frames = sum(episode.length for episode in episodes)
     return f"{counted(len(episodes), 'episode')}, {counted(frames, 'frame')} at {episodes[0].fps} Hz"

@@ -7,7 +7,7 @@ frames contain a wrench only if its source is stated.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -19,6 +19,7 @@ from caesura_protocol.errors import CaesuraError
 from caesura_protocol.formats.raw_recording import Array
 from caesura_protocol.formats.sample_checks import is_flag
 from caesura_protocol.messages import Gap, Kind, Phase, Segment
+from caesura_protocol.number_words import counted
 from caesura_protocol.plausibility import METRES
 from caesura_protocol.recording import Recording
 from caesura_protocol.rotations import align_signs
@@ -89,6 +90,7 @@ class Episode:
     specs: Mapping[str, FeatureSpec]
     values: Mapping[str, Array]
     subtasks: tuple[Subtask, ...]  # the first one from frame 0 on
+    left_out: tuple[str, ...] = ()  # what the frames do not have of the demonstration, one sentence each
 
     @property
     def length(self) -> int:
@@ -164,6 +166,7 @@ def _episode(one: EpisodeSource, fps: int, gripper: str) -> Episode:
     values = {
         name: np.hstack([found[signal] for signal in _PARTS[name] if signal in found]) for name in specs
     }
+    subtasks = _subtasks(one, float(times[0]), fps, count)
     state = values["observation.state"]
     values["action"] = np.vstack([state[1:], state[-1:]])
     return Episode(
@@ -171,8 +174,22 @@ def _episode(one: EpisodeSource, fps: int, gripper: str) -> Episode:
         fps=fps,
         specs=specs | {"action": specs["observation.state"]},
         values=values,
-        subtasks=_subtasks(one, float(times[0]), fps, count),
+        subtasks=subtasks,
+        left_out=tuple(_left_out(one, specs, len(subtasks), fps)),
     )
+
+
+def _left_out(one: EpisodeSource, specs: Mapping[str, FeatureSpec], subtasks: int, fps: int) -> Iterator[str]:
+    """Yield a sentence on signals that are in no feature, and one on segments that are no sub-task."""
+    there = [signal for name in specs for signal in _PARTS[name]]
+    if absent := [signal for signal in one.recording.signals if signal not in there]:
+        source = one.recording.wrench_source or "not stated"
+        yield f"{one.name}: {', '.join(absent)} left out: the source of the wrench is {source}."
+    if (missed := len(one.segments) - subtasks) > 0:
+        yield (
+            f"{one.name}: {counted(missed, 'segment')} without a frame at {fps} a second, and so without a "
+            "sub-task: meta/caesura.json has them."
+        )
 
 
 #: Feature → the signals whose columns it has, in this order.

@@ -293,6 +293,7 @@ def _details(episode: Episode) -> dict[str, Any]:
         "first_frame_s": float(one.recording.t.min()),  # session clock
         **one.recording.stated_options,
         "assumed": [*one.recording.assumed],
+        "left_out": [*episode.left_out],
         "description": one.recording.description.model_dump(
             mode="json", exclude_defaults=True, include=set(DESCRIBED)
         ),

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
+from caesura_protocol.messages import WrenchSource
 from harness.commands import application
 from harness.demonstrations import guided
 
@@ -38,6 +41,18 @@ def test_recordings_become_episodes_by_their_names(taught: Path, tmp_path: Path)
         ("two", False, ["press"]),
     ]
     assert "press" in pq.read_table(out / "meta/subtasks.parquet")["subtask"].to_pylist()
+
+
+@pytest.mark.parametrize("source", [None, "flange_sensor"])
+def test_a_wrench_that_a_dataset_leaves_out_is_named(tmp_path: Path, source: WrenchSource | None):
+    """It was left out without a word."""
+    replace(guided(), wrench_source=source).save(tmp_path / "open.npz")
+    done = caesura("export", tmp_path / "open.npz", "-o", tmp_path / "demos", "--format", "lerobot")
+    assert done.exit_code == 0, done.output
+    (one,) = json.loads((tmp_path / "demos/meta/caesura.json").read_text(encoding="utf-8"))
+    said = "file/open: force left out: the source of the wrench is not stated."
+    assert one["left_out"] == ([said] if source is None else [])
+    assert (said in done.stderr.splitlines()) == (source is None)
 
 
 @pytest.mark.parametrize(

@@ -173,6 +173,20 @@ def test_at_a_rate_that_meets_no_boundary_sub_tasks_begin_at_the_nearest_frame(s
         np.testing.assert_allclose(begun, starts, rtol=0, atol=0.5 / 7 + 1e-9)
 
 
+def test_a_segment_shorter_than_a_frame_is_named_as_no_sub_task(sources):
+    first, second, *rest = sources[0].segments
+    middle_s = second.t0 + 0.001
+    divided = second.model_copy(update={"tn": middle_s}), second.model_copy(update={"t0": middle_s})
+    short = replace(sources[0], segments=(first, *divided, *rest))
+    whole, lost = (episodes_of([one], fps=10)[0] for one in (sources[0], short))
+    assert len(lost.subtasks) == len(whole.subtasks) == len(short.segments) - 1
+    assert whole.left_out == ()
+    assert lost.left_out == (
+        "cell-1/press: 1 segment without a frame at 10 a second, and so without a sub-task: "
+        "meta/caesura.json has them.",
+    )
+
+
 def test_statistics_are_numpys(dataset):
     features = [name for name in dataset.info["features"] if name != "language_persistent"]
     assert set(dataset.stats) == set(features)

@@ -1,8 +1,8 @@
 """Divides an app's path into straight legs, for controllers with lines and blends and without curves.
 
 The reproduced path is a curve between via points (`caesura_protocol.reproduced_path`). It is cut so that
-every chord stays within 1 mm and 0.5° of it. A leg has the mean speed of its part of the curve, reduced to
-the limits; corners are blended.
+every chord stays within 1 mm and 0.5° of it, or within half of a finer tolerance. A leg has the mean speed of
+its part of the curve, reduced to the limits; corners are blended.
 """
 
 from __future__ import annotations
@@ -22,14 +22,27 @@ from caesura_protocol.reproduced_path import curve_of
 Array = NDArray[np.float64]
 Quaternion = tuple[float, float, float, float]
 
-CHORD_M = 0.001  # that a leg may be off the curve
-CHORD_RAD = math.radians(0.5)
-BLEND_M = 0.004  # at most: a right angle is cut by 1.7 mm
+CHORD_M = 0.001  # that a leg may be off the curve, and at most half of the path's tolerance
+CHORD_RAD = math.radians(0.5)  # likewise
+BLEND_M = 0.004  # at most, and twice the path's tolerance: a right angle is cut by 1.7 mm
 BLEND_SHARE = 0.45  # of the shorter of two legs: blends must not overlap
 PARTS = 16  # of the curve between two via points
 SHORT_M = 0.0005  # a leg that is shorter only turns
 SLOWEST_M_PER_S = 0.001
 PEAK = 2.0  # speed of a turn that starts and stops, over its mean
+LEGS = (
+    "A path is followed by straight legs, "
+    f"up to {1000 * CHORD_M:g} mm and {math.degrees(CHORD_RAD):g}° off it, "
+    f"with blends of up to {1000 * BLEND_M:g} mm. The arm stops at each target."
+)
+
+
+class Closeness(NamedTuple):
+    """Largest distances of legs from the curve [m], [rad], and of their blends [m]."""
+
+    chord_m: float
+    chord_rad: float
+    blend_m: float
 
 
 class Leg(NamedTuple):
@@ -61,9 +74,17 @@ def straight_legs(
     if len(poses) < 2:
         place, turned = _pose(poses[-1])
         return [Leg(place, turned, safety.contact_speed_m_per_s, 1.0, 0.0, 0.0)]
-    keep = _corners(poses)
+    close = _closeness(app)
+    keep = _corners(poses, close)
     t, poses = t[keep], poses[keep]
-    return _legs(t, poses, safety, acceleration)
+    return _legs(t, poses, safety, acceleration, close.blend_m)
+
+
+def _closeness(app: App) -> Closeness:
+    """Return the closeness that the tolerance of an app's path leaves to its legs."""
+    path = app.path
+    metres, radians = (math.inf, math.inf) if path is None else (path.tolerance_m, path.tolerance_rad)
+    return Closeness(min(CHORD_M, 0.5 * metres), min(CHORD_RAD, 0.5 * radians), min(BLEND_M, 2.0 * metres))
 
 
 def _points(app: App, before: Vector | None) -> tuple[Array, Array]:
@@ -93,14 +114,14 @@ def _ended_before(t: Array, poses: Array, short: Array) -> tuple[Array, Array]:
     return np.append(t[inside], end), np.vstack([poses[inside], stand])
 
 
-def _corners(poses: Array) -> list[int]:
+def _corners(poses: Array, close: Closeness) -> list[int]:
     """Return the rows between which straight legs stay close to all rows (Douglas and Peucker)."""
     keep, open_ends = {0, len(poses) - 1}, [(0, len(poses) - 1)]
     while open_ends:
         first, last = open_ends.pop()
         if last - first < 2:
             continue
-        off = _off_chord(poses[first : last + 1])
+        off = _off_chord(poses[first : last + 1], close)
         worst = int(np.argmax(off))
         if off[worst] > 1.0:
             keep.add(first + worst)
@@ -108,21 +129,22 @@ def _corners(poses: Array) -> list[int]:
     return sorted(keep)
 
 
-def _off_chord(poses: Array) -> Array:
+def _off_chord(poses: Array, close: Closeness) -> Array:
     """Return the deviation (k,) of poses from the leg between the first and the last one, in tolerances.
 
-    poses: (k, 3) or (k, 7). 1 is CHORD_M or CHORD_RAD, whichever is reached first.
+    poses: (k, 3) or (k, 7). 1 is the closeness in place or in turn, whichever is reached first.
     """
     chord = poses[-1] - poses[0]
     way, squared = poses[:, :3] - poses[0, :3], float(chord[:3] @ chord[:3])
     share = np.clip(way @ chord[:3] / squared, 0.0, 1.0) if squared > SHORT_M**2 else None
-    off = np.linalg.norm(way - (0.0 if share is None else share[:, None] * chord[:3]), axis=1) / CHORD_M
+    off = np.linalg.norm(way - (0.0 if share is None else share[:, None] * chord[:3]), axis=1)
+    off /= close.chord_m
     if poses.shape[1] == 7:
         along = _turned_share(poses[:, 3:]) if share is None else share
         turned = poses[0, 3:] + along[:, None] * chord[3:]
         turned /= np.linalg.norm(turned, axis=1, keepdims=True)
         cosine = np.minimum(np.abs(np.vecdot(turned, poses[:, 3:])), 1.0)
-        off = np.maximum(off, 2.0 * np.arccos(cosine) / CHORD_RAD)
+        off = np.maximum(off, 2.0 * np.arccos(cosine) / close.chord_rad)
     return np.asarray(off)
 
 
@@ -133,7 +155,7 @@ def _turned_share(quaternions: Array) -> Array:
     return np.asarray(sums / max(sums[-1], 1e-12))
 
 
-def _legs(t: Array, poses: Array, safety: Safety, acceleration: float) -> list[Leg]:
+def _legs(t: Array, poses: Array, safety: Safety, acceleration: float, most_m: float) -> list[Leg]:
     lengths = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1).tolist()
     legs = []
     for index, (length, seconds) in enumerate(zip(lengths, np.diff(t).tolist(), strict=True)):
@@ -149,7 +171,7 @@ def _legs(t: Array, poses: Array, safety: Safety, acceleration: float) -> list[L
             seconds = min(seconds, length / speed)
         blend = 0.0
         if index + 1 < len(lengths):
-            blend = min(BLEND_M, BLEND_SHARE * min(length, lengths[index + 1]))
+            blend = min(most_m, BLEND_SHARE * min(length, lengths[index + 1]))
         place, turned = _pose(poses[index + 1])
         legs.append(Leg(place, turned, speed, seconds, blend, turn))
     return legs

@@ -35,7 +35,7 @@ from caesura_protocol.programs.script_templates import (
     robot_of_script,
     title_of,
 )
-from caesura_protocol.programs.straight_legs import Leg, Quaternion
+from caesura_protocol.programs.straight_legs import LEGS, Leg, Quaternion
 from caesura_protocol.robots import GripperDescription
 from caesura_protocol.rotations import align_signs, matrix_of, rotation_vector
 from caesura_protocol.screw_torque_and_text import stop_torque_nm
@@ -67,6 +67,7 @@ def ur_script(program: ProgramFile) -> str:
     texts = {
         "<NAME>": title_of(program),
         "<ROBOT>": one_line(title),
+        "<LEGS>": LEGS,
         "<FINDINGS>\n": head_comments(program),
         "<LIMITS>": "\n".join(f"{INDENT}{line}" for line in acting_limits(program)),
         "<HARDEST_N>": f"{hardest_n(program):.3f}",

@@ -28,7 +28,7 @@ from caesura_protocol.programs.script_templates import (
     table_of_apps,
     title_of,
 )
-from caesura_protocol.programs.straight_legs import Quaternion
+from caesura_protocol.programs.straight_legs import LEGS, Quaternion
 from caesura_protocol.robots import GripperDescription
 from caesura_protocol.rotations import matrix_of, rotation_vector
 from caesura_protocol.screw_torque_and_text import stop_torque_nm
@@ -57,7 +57,8 @@ def xarm_script(program: ProgramFile) -> str:
     texts = {
         "<NAME>": title_of(program),
         "<ROBOT>": in_docstring(title),
-        "<FINDINGS>\n": head_comments(program),
+        "<LEGS>": LEGS,
+        "<FINDINGS>\n": _fingers_comment(program) + head_comments(program),
         "<LIMITS>": "\n".join(acting_limits(program)),
         "<ACCELERATION>": f"{acceleration:g}",
         "<APPS>": table_of_apps(program, rows, 106, _leaning),
@@ -193,6 +194,16 @@ FINGERS: Mapping[str, Callable[[GripperDescription, App, Safety], tuple[Any, ...
     "robotiq": _robotiq,
     "xarm": _xarm,
 }
+
+
+def _fingers_comment(program: ProgramFile) -> str:
+    """Return a line of comment if the gripper has neither the force nor the speed of the cell; else none."""
+    held_by, safety = gripper_of(program), program.safety
+    drives_own = held_by is not None and held_by.interface == "xarm" and held_by.kind == "fingers"
+    if not drives_own or not any(app.kind in GRIPS for app in program.apps):
+        return ""
+    cell = f"{safety.grasp_force_n:g} N and {safety.gripper_m_per_s:g} m/s of the cell"
+    return f"# warning: force and speed of the fingers are those set at the gripper, not the {cell}\n"
 
 
 def _fingers(planned: PlannedApp, held_by: GripperDescription | None, safety: Safety) -> tuple[Any, ...]:

@@ -14,8 +14,9 @@ from caesura_clients.cli.program_speed import at_speed
 from caesura_protocol.messages import App, AppPath, ScrewMotion, Vector, ViaPoint
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import Safety
-from caesura_protocol.programs.straight_legs import CHORD_M
+from caesura_protocol.programs.straight_legs import CHORD_M, LEGS
 from caesura_protocol.programs.ur_script import ur_script
+from caesura_protocol.programs.xarm_script import xarm_script
 from caesura_protocol.reproduced_path import curve_of
 from harness.programs import (
     DOWN,
@@ -192,6 +193,29 @@ def test_suction_switches_its_output():
         (0, True),
         (0, False),
     ]
+
+
+def test_legs_keep_to_a_fine_tolerance_of_their_path():
+    """A small circle was one leg to its own start, which stays within 1 mm: nothing moved."""
+    way, fine_m = circle(radius=0.001), 0.0003
+    assert way.path is not None
+    way = way.model_copy(update={"path": way.path.model_copy(update={"tolerance_m": fine_m})})
+    controller = played(on_ur((way,)))
+    corners = np.array(places(controller))[:, :3]
+    legs = np.diff(corners, axis=0)
+    for row in curve_of(way).sampled(16):
+        way_to = row[:3] - corners[:-1]
+        share = np.clip(np.vecdot(way_to, legs) / np.vecdot(legs, legs), 0.0, 1.0)
+        assert np.linalg.norm(way_to - share[:, None] * legs, axis=1).min() < 0.5 * fine_m + 1e-6
+    assert all(move["r"] <= 2.0 * fine_m for move in controller.named("movel"))
+
+
+@pytest.mark.parametrize("write", [ur_script, xarm_script])
+def test_a_script_with_legs_states_how_they_follow_a_path(write):
+    text = write(as_file(press()))
+    said = text.replace(" degrees", "°").split(LEGS)
+    assert len(said) == 2
+    assert "Limits. Lower them for a first run" in said[1]
 
 
 def test_a_path_is_followed_closely_by_legs_whose_blends_do_not_overlap():

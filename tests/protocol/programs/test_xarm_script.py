@@ -19,6 +19,14 @@ from harness.programs import circle, path_from, pick_and_place, press, set_down_
 from .xarm_runs import Arm, MovingArm, module_of, moved, on_xarm, run, stopped
 
 
+@pytest.mark.parametrize("gripper", ["xarm_gripper", "robotiq_2f_85", "xarm_vacuum"])
+def test_a_gripper_without_the_force_and_speed_of_the_cell_is_named(gripper):
+    text = xarm_script(on_xarm(pick_and_place(), gripper=gripper))
+    said = "# warning: force and speed of the fingers are those set at the gripper, not the 20 N and 0.05 m/s"
+    assert (said in text) == (gripper == "xarm_gripper")
+    assert said not in xarm_script(on_xarm(press(), gripper=gripper))
+
+
 @pytest.mark.parametrize("early_m", [0.1, 0.03])
 def test_a_contact_far_before_where_it_was_taught_stops_the_program(early_m: float):
     # What was met 100 mm above the table was pressed.

@@ -192,8 +192,8 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "an edit is not journalled",
         f"{SESSIONS}/session.py",
-        "        self._journal.append(self._edit_record(edit, prepared.outcome.corrections), now)\n",
-        "        self._edit_record(edit, prepared.outcome.corrections)\n",
+        "prepared.outcome.corrections, effect, moved)\n        self._journal.append(record, now)\n",
+        "prepared.outcome.corrections, effect, moved)\n",
         (
             "tests/service/sessions/test_edit_replay.py::test_a_restart_filters_no_observation_twice_however_many_edits_there_are",
         ),

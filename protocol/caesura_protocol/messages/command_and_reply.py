@@ -34,8 +34,8 @@ class Ack(Message):
         0  # batches before `next_seq` that the session lacks: refused, or no bridge has them any more
     )
     up: Up | None = None  # that the session weighs against; None: not stated, or an older service, and z
-    # What an undo, a redo or a take-back has undone or restored; None of other commands, of one that was
-    # repeated, and from an older service.
+    # What an undo, a redo or a take-back has undone or restored; None of other commands, and from an older
+    # service.
     correction: Correction | None = None
     program_edit: ProgramEdit | None = None  # without the apps that it holds
 

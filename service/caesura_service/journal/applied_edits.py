@@ -3,11 +3,13 @@
 A replay needs the resolved form. The target of a command (the changepoint nearest to 3.2 s) depends on the
 results shown when it was made. The resolved form (no segment starts at observations 20 to 31) does not. So a
 replay collects edits without filtering in between. Only applied edits are recorded.
+
+A record also has what its acknowledgement stated, for an author who repeats the edit after a lost answer.
 """
 
 from __future__ import annotations
 
-from caesura_protocol.messages import App, Edit, EditProgram, Message
+from caesura_protocol.messages import App, Correction, Edit, EditEffect, EditProgram, Message, ProgramEdit
 
 Run = tuple[int, int]  # observations: the first one, and the one behind the last
 
@@ -28,6 +30,8 @@ class AppliedEdit(Edit):
 
     resolution: Resolution | None = None  # of undo and redo: none
     version: int | None = None  # of the program that the edit made; None in journals before version 4
+    effect: EditEffect | None = None  # if the author requested it
+    moved: Correction | None = None  # that an undo, a redo or a take-back has undone or restored
 
     @classmethod
     def type_name(cls) -> str:
@@ -47,6 +51,7 @@ class AppliedProgramEdit(EditProgram):
     """
 
     apps: tuple[App, ...] = ()  # of `replace_part`
+    moved: ProgramEdit | None = None  # that an undo or a redo has undone or restored
 
     @classmethod
     def type_name(cls) -> str:

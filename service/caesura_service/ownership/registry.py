@@ -247,7 +247,7 @@ class Registry:
             if not session.has_pipeline and _needs_rebuilding(command, session):
                 owner = self.ownership.owner(station, now)
                 return [Reply(self._rebuilder.request(station, session, owner))]
-            if isinstance(command, EditProgram) and not session.is_repeated(command):
+            if isinstance(command, EditProgram) and session.repeated(command) is None:
                 command = self._with_apps(station, session, command)
             outputs = self._held.track(session, session.receive(command, now))
             if not isinstance(command, Preview):
@@ -547,7 +547,7 @@ def _is_missing_or_behind(session: Session | None, copies: SessionCopies) -> boo
 
 def _needs_rebuilding(command: Command, session: Session) -> bool:
     """Return whether a session without a pipeline must first be rebuilt. Raises ProtocolError `conflict`."""
-    if isinstance(command, Edit) and session.is_repeated(command):
+    if isinstance(command, Edit) and session.repeated(command) is not None:
         return False
     if not session.has_records:  # only a peer's journal has them, and the edits
         return isinstance(command, Edit | Preview | Describe | EditProgram)

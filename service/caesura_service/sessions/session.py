@@ -39,7 +39,7 @@ from caesura_protocol.messages import (
     Undo,
 )
 from caesura_protocol.number_words import counted
-from caesura_service.journal import AppliedEdit, Journal, Outcome, Record
+from caesura_service.journal import AppliedEdit, AppliedProgramEdit, Journal, Outcome, Record
 from caesura_service.publishing.events import Incoming, Output, Owner, ReplayEnded, Reply
 from caesura_service.publishing.lifecycle_transitions import STATE_WORDS, next_state
 from caesura_service.publishing.session_state import SessionState, inferred_program_of, snapshot_of
@@ -259,17 +259,18 @@ class Session:
         """Make and publish the program that `receive_together` has postponed."""
         return self._host.make_due_program()
 
-    def is_repeated(self, edit: Edit | EditProgram) -> bool:
-        """Whether an edit was applied before: its author repeats it after a lost acknowledgement.
+    def repeated(self, edit: Edit | EditProgram) -> Edit | EditProgram | None:
+        """Return the record of an edit that was applied before; None of a new one.
 
-        Raises JournalError.
+        Its author repeats it after a lost acknowledgement. Raises JournalError.
         """
         kind = Edit if isinstance(edit, Edit) else EditProgram
         revision = self.revision if kind is Edit else self.state.program_edits.revision
         made = self._journal.edit_at(kind, edit.revision) if edit.revision < revision else None
         if made is None:
-            return False
-        return (made.revision, made.author, made.action) == (edit.revision, edit.author, edit.action)
+            return None
+        same = (made.revision, made.author, made.action) == (edit.revision, edit.author, edit.action)
+        return made if same else None
 
     def check_revision(self, edit: Edit | Preview) -> None:
         """Check that the edit is based on the current revision. Raises ProtocolError `conflict`."""
@@ -389,16 +390,19 @@ class Session:
                 return self._receive_preview(change, now)
 
     def _receive_edit(self, edit: Edit, now: float) -> list[Output]:
-        if self.is_repeated(edit):
-            return [self._ack(revision=edit.revision + 1)]
+        if made := self.repeated(edit):
+            effect, moved = (made.effect, made.moved) if isinstance(made, AppliedEdit) else (None, None)
+            return [self._ack(effect, edit.revision + 1, correction=moved)]
         self._check_editable(edit)
         prepared = self._host.prepare_edit(edit, now)
         moved = self._host.corrections.moved(edit.action)
         self._check_records_exist()  # once more: that may have taken long
-        self._journal.append(self._edit_record(edit, prepared.outcome.corrections), now)
+        effect = prepared.effect if edit.with_effect else None
+        record = self._edit_record(edit, prepared.outcome.corrections, effect, moved)
+        self._journal.append(record, now)
         outputs = self._host.apply_edit(prepared.outcome, prepared.pipeline)
         self._store_outcome()
-        return [*outputs, self._ack(prepared.effect if edit.with_effect else None, correction=moved)]
+        return [*outputs, self._ack(effect, correction=moved)]
 
     def _receive_preview(self, preview: Preview, now: float) -> list[Output]:
         """Reply what an edit would change. Nothing is recorded, stored or published."""
@@ -427,8 +431,8 @@ class Session:
 
     def _receive_program_edit(self, command: EditProgram, now: float) -> list[Output]:
         next_state(self.state.lifecycle, "edit_program")
-        if self.is_repeated(command):
-            return [self._ack()]
+        if made := self.repeated(command):
+            return [self._ack(program_edit=made.moved if isinstance(made, AppliedProgramEdit) else None)]
         current = self.state.program_edits.revision
         if command.revision != current:
             why = "another operator has edited the program meanwhile: look at it again"
@@ -436,7 +440,8 @@ class Session:
         self._check_records_exist()
         self._host.check_program_edit(command, now)
         moved = self.state.program_edits.moved(command.action)
-        self._journal.append(command, now)
+        record = AppliedProgramEdit(**vars(command), moved=moved) if moved else command
+        self._journal.append(record, now)
         program = self._host.edit_program(command, now)
         self._store_outcome()
         return [program, self._ack(program_edit=moved)]
@@ -447,13 +452,20 @@ class Session:
             why = "the journal no longer has the session's samples: it cannot be corrected"
             raise ProtocolError("conflict", why, value=self.name)
 
-    def _edit_record(self, edit: Edit, corrections: EditHistory) -> AppliedEdit:
-        """Return the record of an edit with its resolved form, which a replay uses."""
+    def _edit_record(
+        self, edit: Edit, corrections: EditHistory, effect: EditEffect | None, moved: Correction | None
+    ) -> AppliedEdit:
+        """Return the record of an edit with its resolved form, which a replay uses.
+
+        effect, moved: as its acknowledgement states them.
+        """
         is_news = not isinstance(edit.action, Undo | Redo | TakeBack)
         return AppliedEdit(
             **vars(edit) | {"with_effect": False},
             resolution=corrections.active[-1].recorded() if is_news else None,
             version=self.last_published_state.program_header.version + 1,
+            effect=effect,
+            moved=moved,
         )
 
     def _apply_peer_record(self, record: Record) -> None:

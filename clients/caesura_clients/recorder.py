@@ -31,7 +31,7 @@ from caesura_protocol.messages import (
     Snapshot,
 )
 from caesura_protocol.recording import ASSUMED_FRAME, Recording
-from caesura_protocol.session_time_display import clock_from
+from caesura_protocol.session_time_display import clock_from, is_of_day
 from caesura_protocol.transport.inbox import Inbox, Item, ReceivedSample
 from caesura_protocol.transport.transport_interface import Transport
 
@@ -138,7 +138,11 @@ class Recorder:
         else:
             unit = found.status.length_unit
             made = stated_recording(columns, rows, found.status, found.program, unit=unit)
-        return replace(made, lost=losses_of(self._ends(alike), self.known))
+        return replace(made, lost=losses_of(self._ends(alike), self.known), began_s=self._known_began_s)
+
+    @property
+    def _known_began_s(self) -> float | None:
+        return self.began_s if is_of_day(self.began_s) else None
 
     def _ends(self, seqs: Sequence[int]) -> dict[int, Loss]:
         """Return the times [s] of the first and the last sample of batches, by their number."""

@@ -99,6 +99,7 @@ class Recording:
     lost: tuple[Loss, ...] = ()
     description: Description = field(default_factory=Description)
     changes: int = 0  # corrections and edits of the program; undo and redo count
+    began_s: float | None = field(default=None, compare=False)  # [s] time of day at time 0; None: not known
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
@@ -218,7 +219,13 @@ class Recording:
         An npz leaves that order out instead: without it the reader assumes it again.
         """
         order = {ASSUMED_IN_FILE: "quaternion_order"} if "quaternion_order" in self.assumptions else {}
-        return self.stated_options | description_texts(self.description) | order
+        return self.stated_options | self.session_texts | order
+
+    @property
+    def session_texts(self) -> dict[str, str]:
+        """Return what is known of the session beside its samples: description and time of day."""
+        began = {} if self.began_s is None else {BEGAN: repr(self.began_s)}
+        return description_texts(self.description) | began
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -232,7 +239,7 @@ class Recording:
     def save(self, path: Path) -> None:
         """Write the recording as npz."""
         arrays = {s: v[:, 0] if v.shape[1] == 1 else v for s, v in self.signals.items()}
-        stated = self.stated_options | description_texts(self.description)
+        stated = self.stated_options | self.session_texts
         options = {key: np.array(value) for key, value in stated.items()}
         if "quat" in arrays and "quaternion_order" not in self.assumptions:
             options[QUATERNION_ORDER] = np.array("xyzw")
@@ -274,12 +281,19 @@ OPTIONS: Mapping[str, tuple[str, ...]] = {
     "length_unit": LENGTH_UNITS,
 }
 LOST = "lost"  # key of the losses in a file
+BEGAN = "began_s"  # key of the time of day in a file
 CHANGES = "changes_by_people"  # key of their number in a file
 CHANGED = (
     "People changed the results of this session {}, by corrections or edits of the program: "
     "what is inferred from its samples has none of these changes."
 )
-STATED = (*OPTIONS, *CellSettings._fields, LOST, CHANGES)  # all that a file may state about its samples
+STATED = (
+    *OPTIONS,
+    *CellSettings._fields,
+    LOST,
+    CHANGES,
+    BEGAN,
+)  # all that a file may state about its samples
 OF_FILE = (*STATED, *DESCRIBED)  # all that a file may state
 #: How the columns of `quat` are ordered in an npz file, whose arrays have no names of columns.
 QUATERNION_ORDER, QUATERNION_ORDERS = "quaternion_order", ("xyzw", "wxyz")

@@ -5,6 +5,7 @@ The results equal those of a session over the network at its end, to the last bi
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
@@ -20,6 +21,7 @@ from caesura_protocol.lost_samples import losses_of, rows_after_losses
 from caesura_protocol.messages import Close, Describe, Description, Edit, EditProgram, Open, SampleBatch
 from caesura_protocol.programs.safety import UNSET, CellSettings
 from caesura_protocol.recording import ASSUMED, Recording, RecordingError
+from caesura_protocol.session_time_display import OF_DAY_S
 from caesura_service.journal import Record
 from caesura_service.segmentation.opening_layout import layout_of
 from caesura_service.segmentation.pipeline import make_pipeline
@@ -116,7 +118,7 @@ def recording_of(records: Iterable[Record]) -> Recording:
     Raises RecordingError without samples.
     """
     opening: Open | None = None
-    description, changes = Description(), 0
+    description, changes, began_s = Description(), 0, math.inf
     last: int | None = None
     taken: dict[int, NDArray[np.float64]] = {}
     for record in records:
@@ -135,7 +137,8 @@ def recording_of(records: Iterable[Record]) -> Recording:
                     description = description.model_copy(update={"success": success})
             case SampleBatch() as batch if opening is not None:
                 with suppress(ProtocolError):  # it was refused when it came
-                    taken[batch.seq] = validated_samples(batch, opening.columns, Limits())
+                    taken[batch.seq] = samples = validated_samples(batch, opening.columns, Limits())
+                    began_s = min(began_s, record.at - float(samples[:, 0].max()))
     if opening is None or not taken:
         raise RecordingError("the session has no samples")
     matrix = np.concatenate([taken[seq] for seq in sorted(taken)])
@@ -153,6 +156,7 @@ def recording_of(records: Iterable[Record]) -> Recording:
         lost=losses_of({seq: (float(one[0, 0]), float(one[-1, 0])) for seq, one in taken.items()}, last),
         description=description,
         changes=changes,
+        began_s=began_s if began_s >= OF_DAY_S else None,
     )
 
 

@@ -49,6 +49,14 @@ def test_a_program_is_written_in_every_format(program: Path, tmp_path: Path) -> 
     assert "apply force" in caesura("program", "--file", program).output
 
 
+def test_the_table_of_a_file_has_the_name_of_its_program(program: Path) -> None:
+    """That of a live session had it alone."""
+    content = json.loads(program.read_text("utf-8"))
+    program.write_text(json.dumps(content | {"name": "Fill [/] it"}), encoding="utf-8")
+    shown = " ".join(caesura("program", "--file", program).output.split())
+    assert f"Fill [/] it: {content['station']} / {content['session']}, revision" in shown
+
+
 def test_a_program_onto_a_full_disk_leaves_no_half_script(program, tmp_path, monkeypatch):
     """Half a script may run, as far as it goes."""
     out, write = tmp_path / "program.py", Path.write_text

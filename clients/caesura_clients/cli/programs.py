@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.text import Text
 
 from caesura_clients import query
@@ -212,7 +213,8 @@ def _name_errors(program: ProgramFile) -> None:
 
 def _write_table(program: ProgramFile, out: Path | None, clock: SessionClock) -> None:
     state = "complete" if program.complete else "being taught"
-    title = f"{program.station} / {program.session}, revision {program.revision}, {state}"
+    name = f"{escape(program.name)}: " if program.name else ""
+    title = f"{name}{program.station} / {program.session}, revision {program.revision}, {state}"
     findings = map(clock.text, map(str, findings_beside_notes(program)))
     notes = map(Text, (*map(clock.text, program.notes), *doubtful_apps(program.apps), *findings))
     parts = [*clock_lines(clock), apps_table(program.apps, title, clock, program.groups), *notes]

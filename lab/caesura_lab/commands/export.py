@@ -125,7 +125,7 @@ def _taught(recording: Recording, preset: str, name: str | None = None) -> Sessi
         station=STATION,
         opening=opening if name is None else opening.model_copy(update={"session": name}),
         recording=recording,
-        began_s=max(0.0, -float(recording.t.min())),  # unknown; a time before 1970 cannot be written
+        began_s=max(recording.began_s or 0.0, -float(recording.t.min())),  # not before 1970
         view=view,
         program=TaskProgram(
             complete=True,

@@ -12,10 +12,8 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from caesura_protocol.codec import unpack_samples
-from caesura_protocol.errors import ProtocolError
 from caesura_protocol.formats.mcap_schemas import TaskProgram
-from caesura_protocol.messages import Open, Program, SampleBatch
+from caesura_protocol.messages import Open, Program
 from caesura_protocol.recording import Recording, RecordingError
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.journal import Journal, MemoryJournal, Outcome, Record
@@ -50,7 +48,7 @@ def read_session_export(journal: Journal, station: str, session: str) -> Session
     outcome = _whole_outcome(journal, station, session)
     view, program = _result_of_records(records) if outcome is None else _result_of_outcome(outcome)
     opening = [record.message for record in records if isinstance(record.message, Open)][-1]
-    began_s = _session_began_s(records)
+    began_s = max(recording.began_s or 0.0, math.ceil(-float(recording.t.min())))  # no sample before 1970
     return SessionExport(station, opening, recording, began_s, view, TaskProgram.of(program))
 
 
@@ -97,25 +95,3 @@ def _replayed_state(records: Sequence[Record]) -> SessionState:
         raise RecordingError(f"{failed.station}/{failed.session} cannot be replayed: {failed.error}")
     (state,) = registry.index.all_states()
     return state
-
-
-def _session_began_s(records: Sequence[Record]) -> float:
-    """Return the time of day [s] of session time 0: the earliest that a batch allows.
-
-    It is so late that no sample is before 1970.
-    """
-    ends = [(record.at, times) for record in records if (times := _first_and_last_s(record)) is not None]
-    began = min(at - last for at, (_, last) in ends)
-    first = min(first for _, (first, _) in ends)
-    return max(began, math.ceil(-first))
-
-
-def _first_and_last_s(record: Record) -> tuple[float, float] | None:
-    """Return the times [s] of a batch's first and last sample; None for other or refused records."""
-    if not isinstance(record.message, SampleBatch):
-        return None
-    try:
-        times = unpack_samples(record.message)[:, 0]
-    except ProtocolError:
-        return None
-    return float(times.min()), float(times.max())

@@ -29,7 +29,7 @@ import numpy as np
 
 from caesura_protocol import plausibility
 from caesura_protocol.columns import missing_columns, signal_columns
-from caesura_protocol.formats.calendar_time import CALENDAR, is_calendar_time, seconds_of
+from caesura_protocol.formats.calendar_time import is_calendar_time, seconds_of
 from caesura_protocol.formats.csv_lines import (
     BLANK,
     cell_of,
@@ -108,7 +108,8 @@ def read_foreign_csv(path: Path, mapped: ColumnMapping) -> RawRecording:
         cells = [cell_of(row, index) for row in table.rows]
         times = seconds_of(cells, [f"{path}, line {number}" for number in table.numbers])
         column["t"] = times.t
-        assumed.append(CALENDAR.format(times.first))
+        assumed.append(times.in_words)
+        options = {**options, **times.options}
         rules = rules[1:]
     column |= {rule.column: _numbers(path, mapped, table, rule) * rule.factor for rule in rules}
     arrays = {"t": column["t"]}

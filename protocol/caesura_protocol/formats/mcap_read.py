@@ -23,7 +23,8 @@ from caesura_protocol.formats.mcap_write import METADATA
 from caesura_protocol.formats.raw_recording import Array, RawRecording
 from caesura_protocol.messages import Message
 from caesura_protocol.number_words import counted
-from caesura_protocol.recording import OF_FILE, assumed_by_writer
+from caesura_protocol.recording import BEGAN, OF_FILE, assumed_by_writer
+from caesura_protocol.session_time_display import OF_DAY_S
 
 ROS2 = "ros2"  # the profile of a rosbag2
 T = TypeVar("T")
@@ -84,6 +85,8 @@ def _content(stream: IO[bytes]) -> RawRecording:
                     f"{topic} has {counted(len(values), 'sample')} at other times than /state has"
                 )
     options = {key: said[key] for key in OF_FILE if key in said}
+    if float(options.get(BEGAN, 0.0)) < OF_DAY_S:  # it was not known, or the samples have the time of day
+        options.pop(BEGAN, None)
     return RawRecording(arrays, options, [], assumed_by_writer(said))
 
 

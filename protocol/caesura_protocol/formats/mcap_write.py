@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import heapq
 import json
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from operator import itemgetter
@@ -260,7 +261,13 @@ def nanoseconds(t: float, began_s: float) -> int:
 
     Both are rounded separately: their sum would lose precision below 0.2 µs.
     """
-    return round(began_s * NS) + round(t * NS)
+    return _whole_ns(began_s) + _whole_ns(t)
+
+
+def _whole_ns(seconds: float) -> int:
+    """Return seconds in [ns]. A product of a time of day and 10⁹ would be up to 128 ns off."""
+    whole = math.floor(seconds)
+    return whole * NS + round((seconds - whole) * NS)
 
 
 def _stamp(t: float, began_s: float) -> dict[str, int]:

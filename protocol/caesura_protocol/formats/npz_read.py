@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.description_texts import DESCRIBED
-from caesura_protocol.formats.calendar_time import CALENDAR, seconds_of_array
+from caesura_protocol.formats.calendar_time import seconds_of_array
 from caesura_protocol.formats.raw_recording import Array, RawRecording
 from caesura_protocol.recording import (
     ARRAYS,
@@ -39,12 +39,14 @@ def read_npz(path: Path) -> RawRecording:
     ignored += several
     assumed: list[str] = []
     t = found.get("t", np.empty(0))
+    times = None
     if has_calendar_time := t.dtype.kind in "mM" and t.ndim == 1 and t.size > 0:
         times = seconds_of_array(t)
         found["t"] = times.t
-        assumed.append(CALENDAR.format(times.first))
+        assumed.append(times.in_words)
     arrays = {key: _as_numbers(path, key, found[key]) for key in ARRAYS if key in found}
     options = {key: _as_text(path, key, found[key]) for key in NPZ_STATED if key in {*found} - {*several}}
+    options |= {} if times is None else times.options
     order = options.pop(QUATERNION_ORDER, None)
     if "quat" in arrays:
         assumed += _in_order(path, arrays, order)

@@ -16,7 +16,7 @@ import numpy as np
 
 from caesura_protocol.columns import missing_columns, signal_columns
 from caesura_protocol.description_texts import DESCRIBED, parse_description
-from caesura_protocol.formats.calendar_time import CALENDAR, EXPECTED, is_calendar_time, seconds_of
+from caesura_protocol.formats.calendar_time import EXPECTED, CalendarTimes, is_calendar_time, seconds_of
 from caesura_protocol.formats.csv_layout_detection import (
     DELIMITERS,
     PLACES,
@@ -51,6 +51,7 @@ from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import (
     ASSUMED_FLAG,
     ASSUMED_FRAME,
+    BEGAN,
     CHANGES,
     LOST,
     OF_FILE,
@@ -68,6 +69,7 @@ from caesura_protocol.recording import (
     wrong_option,
 )
 from caesura_protocol.robots import robot_description
+from caesura_protocol.session_time_display import is_of_day
 from caesura_protocol.up_direction import parse_up, up_text
 from caesura_protocol.wrench_faults import read_wrench
 
@@ -136,7 +138,7 @@ def load_recording(
     options |= {key: value for key, value in overrides.items() if value is not None}
     ignored = [*ignored, *_without_wrench(arrays, options), *_without_force(arrays, force_frame)]
     _convert(path, raw, stated)
-    lost, changes = _losses(path, options, stated), _changes(path, options)
+    lost, changes, began_s = _losses(path, options, stated), _changes(path, options), _began_s(path, options)
     description, undescribed = parse_description(options)
     options = {key: value for key, value in options.items() if key not in DESCRIBED}
     signals = {s: _as_matrix(arrays[s]) for s in COLUMNS_OF_SIGNAL if s in arrays}
@@ -154,6 +156,7 @@ def load_recording(
         lines=raw.lines,
         lost=lost,
         changes=changes,
+        began_s=began_s,
         description=description,
         **options,  # type: ignore[arg-type]
     )
@@ -196,6 +199,20 @@ def _changes(path: Path, options: dict[str, str]) -> int:
     if re.fullmatch("[0-9]{1,9}", count) is None:
         raise RecordingError(f"{path}: {CHANGES} is {count!r}, expected their number")
     return int(count)
+
+
+def _began_s(path: Path, options: dict[str, str]) -> float | None:
+    """Remove the time of day at time 0 from a file's options and return it [s]. Raises RecordingError."""
+    if BEGAN not in options:
+        return None
+    text = options.pop(BEGAN)
+    try:
+        began_s = float(text)
+    except ValueError:
+        began_s = np.nan
+    if not is_of_day(began_s):
+        raise RecordingError(f"{path}: {BEGAN} is {text!r}, expected a time of day [s] since 1970 (UTC)")
+    return began_s
 
 
 def _losses(path: Path, options: dict[str, str], stated: Mapping[Quantity, str]) -> tuple[Loss, ...]:
@@ -403,7 +420,9 @@ def _read_csv(path: Path, mapping: Path | None, wrench: WrenchStatement) -> RawR
         rows[1:] = [[cell.replace(",", ".") for cell in row] for row in rows[1:]]
         assumed.append(f"Columns are divided by {delimiter!r}, and the comma is the decimal mark.")
     if has_calendar_time := "t" in header and is_calendar_time(cell_of(rows[1], header.index("t"))):
-        assumed.append(CALENDAR.format(_with_seconds(header.index("t"), rows[1:], numbers[1:])))
+        times = _with_seconds(header.index("t"), rows[1:], numbers[1:])
+        assumed.append(times.in_words)
+        stated = {**stated, **times.options}
     column = _columns(header, rows[1:], numbers[1:])
     arrays = {
         signal: np.column_stack([column[name] for name in names])
@@ -441,14 +460,14 @@ def _without_last_delimiter(rows: list[list[str]]) -> list[list[str]]:
     return rows
 
 
-def _with_seconds(index: int, rows: list[list[str]], lines: Sequence[int]) -> str:
-    """Replace the dates of a column by seconds from the first one, in place; return the first date."""
+def _with_seconds(index: int, rows: list[list[str]], lines: Sequence[int]) -> CalendarTimes:
+    """Replace the dates of a column by seconds from the first one, in place; return them."""
     cells = [cell_of(row, index) for row in rows]
     times = seconds_of(cells, [f"line {line}" for line in lines])
     for row, time in zip(rows, times.t.tolist(), strict=True):
         if index < len(row):
             row[index] = repr(time)
-    return times.first
+    return times
 
 
 MOST_NAMED = 20  # columns of a file, in an error

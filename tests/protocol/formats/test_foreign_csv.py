@@ -153,7 +153,7 @@ def test_dates_of_other_software_are_seconds_from_the_first(files):
     recording = read(files, table, MAPPING.replace('unit = "ms"\n', "", 1))
     np.testing.assert_allclose(recording.t, [0.0, 0.01])
     assert recording.assumed == (
-        "Times are seconds from the first sample, which is at 2026-11-24 18:04:32.25.",
+        "Times are seconds from the first sample, which is at 2026-11-24 18:04:32.25, taken as UTC.",
     )
     assert recording.ignored == ("Temp",)
     with pytest.raises(RecordingError, match=r"map\.toml: \[time\] has a unit.*leave out the unit"):

@@ -264,9 +264,12 @@ def test_dates_of_a_csv_are_seconds_from_the_first_and_stated(tmp_path: Path, zo
     (tmp_path / "a.csv").write_text(dated(text(), zone=zone), encoding="utf-8")
     found = load_recording(tmp_path / "a.csv")
     np.testing.assert_allclose(found.t, arrays()["t"], atol=1e-9)
+    assumed = "" if zone else ", taken as UTC"
     assert found.assumed == (
-        f"Times are seconds from the first sample, which is at 2026-11-24T18:04:32{zone}.",
+        f"Times are seconds from the first sample, which is at 2026-11-24T18:04:32{zone}{assumed}.",
     )
+    utc = BEGAN.replace(tzinfo=UTC).timestamp() - (7200.0 if zone == "+02:00" else 0.0)
+    assert found.began_s == pytest.approx(utc, abs=1e-6)
     with pytest.raises(RecordingError, match="--time-unit ms is for times that are numbers"):
         load_recording(tmp_path / "a.csv", time_unit="ms")
 

@@ -282,6 +282,9 @@ def _warnings(recording: Recording, view: PipelineView, clock: SessionClock) -> 
     if repeats := _repeats(view):
         yield repeats
     for gap in view.gaps[:SHOWN_GAPS]:
-        yield f"nothing is known between {clock.shown(gap.t0)} s and {clock.shown(gap.tn)} s"
+        when = f"between {clock.shown(gap.t0)} s and"
+        if gap.t0 == gap.tn:  # at an end of the recording
+            when = "before" if gap.t0 <= recording.t[0] else "after"
+        yield f"nothing is known {when} {clock.shown(gap.tn)} s"
     if len(view.gaps) > SHOWN_GAPS:
         yield f"and {counted(len(view.gaps) - SHOWN_GAPS, 'more gap')}; is t in seconds?"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from caesura_lab.export.mcap_file import write_mcap
 from caesura_lab.export.session_export import read_session_export
@@ -15,6 +16,7 @@ from caesura_protocol.formats.write import write_csv
 from caesura_protocol.recording import Recording, RecordingError
 from caesura_service.conditioned_recording import condition
 from caesura_service.offline_segmentation import BATCH_SAMPLES, recording_of, segment_recording
+from harness.commands import application
 from harness.demonstrations import guided
 from lab.export.test_mcap import kept
 
@@ -51,6 +53,16 @@ def test_what_was_lost_at_the_end_is_a_gap_after_the_last_sample(tmp_path: Path)
     replace(whole, lost=((end, end),)).save(tmp_path / "cut.npz")
     (gap,) = segment_recording(load_recording(tmp_path / "cut.npz")).gaps
     assert (gap.t0, gap.tn, gap.reason) == (end, end, "evicted")
+
+
+def test_losses_at_the_ends_are_shown_as_times_before_and_after(tmp_path: Path) -> None:
+    whole = guided()
+    ends = [(float(t), float(t)) for t in (whole.t[0], whole.t[-1])]
+    replace(whole, lost=tuple(ends)).save(tmp_path / "cut.npz")
+    done = CliRunner().invoke(application(), ["segment", str(tmp_path / "cut.npz")])
+    known = [line for line in done.output.splitlines() if line.startswith("nothing is known")]
+    times = [f"{t0:.2f} s" for t0, _ in ends]
+    assert known == [f"nothing is known before {times[0]}", f"nothing is known after {times[1]}"]
 
 
 @pytest.mark.parametrize("lost", ["", "3.9", "5 to 4", "1 to nan", "1 to inf", "a to b", "1 to 2;3 to 4"])

@@ -74,18 +74,6 @@ APP_KINDS: Mapping[AppKind, AppKindFacts] = MappingProxyType(
 )
 
 
-def ends_in_contact(kind: AppKind, following: AppKind | None) -> bool:
-    """Return whether a contact ends an app. following: the kind of the next app, None for the last one.
-
-    A carry ends in contact if the next app is in contact.
-
-    >>> ends_in_contact("transport", "gripper_move"), ends_in_contact("transport", "cartesian_motion")
-    (True, False)
-    """
-    sets_down = APP_KINDS[kind].carries and following is not None and APP_KINDS[following].in_contact
-    return kind == "move_to_contact" or sets_down
-
-
 def app_number(index: int) -> str:
     """Return the displayed number of an app, a segment or a phase; index: from 0.
 

@@ -62,6 +62,11 @@ def move(t0: float, start: Vector, target: Vector, orientation: Quaternion = DOW
     return app("cartesian_motion", t0, t0 + 1.0, target, **stated)
 
 
+def set_down_at(let_go: App) -> App:
+    """An app of fingers that let go of what stands on something, as it was felt."""
+    return let_go.model_copy(update={"force_taught": (0.0, 0.0, -2.0)})
+
+
 def pick_and_place() -> tuple[App, ...]:
     """In the cell of the scenario `pick_and_place`."""
     return (
@@ -69,7 +74,14 @@ def pick_and_place() -> tuple[App, ...]:
         app("grasp", 1.8, 3.5, (-0.014, -0.673, 0.107), gripper_width=0.05),
         app("transport", 4.0, 5.7, (-0.018, -0.624, 0.156), load_kg=0.25, load_sd_kg=0.01),
         app("transport", 5.7, 7.5, (-0.021, -0.475, 0.107), load_kg=0.25, load_sd_kg=0.01),
-        app("gripper_move", 7.5, 9.8, (-0.021, -0.475, 0.107), gripper_width=0.08),
+        app(
+            "gripper_move",
+            7.5,
+            9.8,
+            (-0.021, -0.475, 0.107),
+            gripper_width=0.08,
+            force_taught=(0.0, 0.0, -2.0),
+        ),
         app("cartesian_motion", 10.1, 12.0, (-0.021, -0.562, 0.29)),
     )
 

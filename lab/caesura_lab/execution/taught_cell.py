@@ -20,7 +20,7 @@ from caesura_lab.teacher.level_surface_contact import Surface
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.person import THESIS, Person
 from caesura_lab.teacher.scenarios import Scenario, Step
-from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
+from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import App, Quaternion, Vector
 from caesura_protocol.number_words import counted
@@ -28,6 +28,7 @@ from caesura_protocol.programs.contact_forces import without_friction
 from caesura_protocol.programs.program_gripper import GRIP_REACH_M
 from caesura_protocol.reproduced_path import knots_of
 from caesura_protocol.rotations import matrix_of
+from caesura_protocol.set_downs import ends_in_contact
 
 AROUND_M = 0.02  # of a surface beyond what is touched of it
 COMPLIANT_M = 0.012  # from which depth on what is pressed gives way
@@ -107,10 +108,10 @@ def _contacts(apps: Sequence[App]) -> Iterator[_Contact]:
     contact: _Contact | None = None
     orientation: Quaternion = DOWN
     for index, app in enumerate(apps):
-        following = apps[index + 1].kind if index + 1 < len(apps) else None
+        following = apps[index + 1] if index + 1 < len(apps) else None
         orientation = app.orientation or orientation
         _check(index, app)
-        touches = ends_in_contact(app.kind, following)
+        touches = ends_in_contact(app, following)
         if contact is not None and not APP_KINDS[app.kind].in_contact:
             yield contact
             contact = None

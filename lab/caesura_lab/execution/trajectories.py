@@ -6,7 +6,6 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from caesura_lab.teacher.motion_profiles import Array
-from caesura_protocol.app_kinds import ends_in_contact
 from caesura_protocol.messages import App
 from caesura_protocol.programs.contact_forces import touching_force
 from caesura_protocol.programs.safety import Safety
@@ -19,6 +18,7 @@ from caesura_protocol.rotations import (
     quaternion_of,
     turned_along,
 )
+from caesura_protocol.set_downs import ends_in_contact
 
 ALIGNED = 0.7  # cosine between tool and force, above which the tool's axis is the direction of a press
 ASTRAY_M = 0.01  # from where a path was taught to start
@@ -147,7 +147,7 @@ def approach_direction(app: App, following: App | None, rotation: Array) -> Arra
 
     It is the direction of a following press, else the axis of the tool. rotation: (3, 3) at the target.
     """
-    if not ends_in_contact(app.kind, None if following is None else following.kind):
+    if not ends_in_contact(app, following):
         return None
     force = touching_force(following)
     return press_direction(rotation, None if force is None else np.array(force))

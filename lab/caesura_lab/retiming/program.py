@@ -38,7 +38,7 @@ from caesura_lab.execution.trajectories import (
 from caesura_lab.path_distance import furthest
 from caesura_lab.retiming.limits import MotionLimits, limits_of, poses_at, slowdown
 from caesura_lab.retiming.time_law import UNLIMITED, Ceiling, Planned, TimeLawError, fastest
-from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
+from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.messages import App, ViaPoint
 from caesura_protocol.programs.app_time_shifts import TURNED_M, may_retime, moved
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
@@ -47,6 +47,7 @@ from caesura_protocol.programs.program_speed import retimed
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.reproduced_path import Curve, curve_of, unit
 from caesura_protocol.rotations import angular_velocities, matrix_of
+from caesura_protocol.set_downs import ends_in_contact
 from caesura_service.robot import ReachError, Robot, load_robot
 
 Array = NDArray[np.float64]
@@ -125,7 +126,7 @@ def optimal(
 
 def _is_at_contact(app: ProgramStep, before: App | None, following: App | None) -> bool:
     """Whether a movement leaves or meets a contact, and stays within the standoff from it."""
-    meets = ends_in_contact(app.kind, None if following is None else following.kind)
+    meets = ends_in_contact(app, following)
     leaves = before is not None and APP_KINDS[before.kind].presses
     return (meets or leaves) and app.path is not None and app.path.length_m <= STANDOFF_M
 

@@ -13,9 +13,10 @@ from itertools import pairwise
 from operator import itemgetter
 from typing import NamedTuple, TypeVar
 
-from caesura_protocol.app_kinds import APP_KINDS, ends_in_contact
+from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, AppPath, DeleteApp, Gap, ProgramEdit, ReplacePart, Vector
 from caesura_protocol.reproduced_path import turn_of
+from caesura_protocol.set_downs import ends_in_contact
 
 SHIFT_S = 2.0**-20
 TURNED_M = 0.1  # a turn by a radian counts as so many metres
@@ -76,7 +77,7 @@ def goes_on(app: App, following: App | None) -> bool:
     in_air = APP_KINDS[app.kind].has_target and APP_KINDS[following.kind].has_target
     at_once = abs(following.path.start.t - app.path.tn) < AT_ONCE_S
     there = math.dist(app.target, following.path.start.position) < SAME_M
-    return in_air and at_once and there and not ends_in_contact(app.kind, following.kind)
+    return in_air and at_once and there and not ends_in_contact(app, following)
 
 
 def rests_of(app: App) -> tuple[float, float]:

@@ -19,7 +19,7 @@ from xml.etree import ElementTree as Xml
 import numpy as np
 
 from caesura_protocol.app_force_limit import is_path_limited
-from caesura_protocol.app_kinds import APP_KINDS, AppKind, app_number, ends_in_contact, step_title
+from caesura_protocol.app_kinds import APP_KINDS, AppKind, app_number, step_title
 from caesura_protocol.messages import AppPath
 from caesura_protocol.programs.app_time_shifts import rests_of
 from caesura_protocol.programs.apps_by_phase import groups_by_first
@@ -32,6 +32,7 @@ from caesura_protocol.programs.script_templates import findings_by_app, texts_of
 from caesura_protocol.reproduced_path import turning_at_points
 from caesura_protocol.robots import GripperDescription, GripperError, RobotError
 from caesura_protocol.screw_torque_and_text import torque_about_axis
+from caesura_protocol.set_downs import ends_in_contact
 
 DOUBLE, DOUBLES = "double", "std::vector<double>"
 TREE = "Task"
@@ -195,7 +196,7 @@ def _inputs(
     grips: force and speed of the fingers, by port.
     """
     screw = app.screw
-    searches = ends_in_contact(app.kind, None if following is None else following.kind)
+    searches = ends_in_contact(app, following)
     values: dict[str, Sequence[float] | float | None] = {
         TARGET.name: app.target,
         ORIENTATION.name: app.orientation,

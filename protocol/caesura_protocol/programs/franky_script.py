@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from caesura_protocol.app_force_limit import is_path_limited
-from caesura_protocol.app_kinds import app_name, ends_in_contact, step_title
+from caesura_protocol.app_kinds import APP_KINDS, app_name, step_title
 from caesura_protocol.messages import Vector
 from caesura_protocol.programs.app_time_shifts import goes_on, rests_of
 from caesura_protocol.programs.contact_forces import force_in_tool, without_friction
@@ -28,6 +28,7 @@ from caesura_protocol.programs.script_templates import (
 )
 from caesura_protocol.reproduced_path import turn_of, turning_at_points
 from caesura_protocol.screw_torque_and_text import stop_torque_nm
+from caesura_protocol.set_downs import ends_in_contact
 
 FIELDS = ("target", "orientation", "joints", "force", "force_taught", "load_kg", "gripper_width")
 DIGITS = 6
@@ -68,7 +69,8 @@ def _refuse_other_gripper(program: ProgramFile) -> None:
 def _rows(apps: Sequence[ProgramStep]) -> list[dict[str, Any]]:
     """Return the data of each app that the script needs.
 
-    An app without a stop at its target has `goes_on`, the velocities there.
+    An app without a stop at its target has `goes_on`, the velocities there; a carry that a contact ends has
+    `sets_down`.
     """
     rows = []
     around = zip(apps, [*apps[1:], None], [*apps[2:], None, None], strict=False)
@@ -76,6 +78,8 @@ def _rows(apps: Sequence[ProgramStep]) -> list[dict[str, Any]]:
         row = _row(app)
         if app.path is not None and _is_passed(app, following, after):
             row["goes_on"] = tuple(map(_rounded, (app.path.end_velocity, app.path.end_angular_velocity)))
+        if APP_KINDS[app.kind].carries and ends_in_contact(app, following):
+            row["sets_down"] = True
         rows.append(row)
     return rows
 
@@ -87,7 +91,7 @@ def _is_passed(app: ProgramStep, following: ProgramStep | None, after: ProgramSt
     """
     if following is None or not goes_on(app, following):
         return False
-    meets = ends_in_contact(following.kind, None if after is None else after.kind)
+    meets = ends_in_contact(following, after)
     return not meets and app.screw is None and following.screw is None
 
 

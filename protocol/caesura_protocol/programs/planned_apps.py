@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from caesura_protocol.app_kinds import app_name, ends_in_contact
+from caesura_protocol.app_kinds import app_name
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.app_time_shifts import rest_newtons, rests_of
 from caesura_protocol.programs.contact_forces import press_direction, without_friction
@@ -14,6 +14,7 @@ from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.program_gripper import GRIPS
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.straight_legs import Leg, Quaternion, straight_legs
+from caesura_protocol.set_downs import ends_in_contact
 
 STANDOFF_M = 0.02  # before a contact, from where it is looked for slowly
 ROUNDING_M = 1e-6
@@ -66,7 +67,7 @@ def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedA
     for index, app in enumerate(apps):
         following = apps[index + 1] if index + 1 < len(apps) else None
         contact = None
-        if ends_in_contact(app.kind, None if following is None else following.kind):
+        if ends_in_contact(app, following):
             contact = press_direction(app, following)
         short = None if contact is None else _scaled(contact, STANDOFF_M)
         legs = []

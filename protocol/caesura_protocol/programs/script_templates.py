@@ -11,7 +11,7 @@ from pprint import pformat
 from textwrap import indent
 from typing import Any
 
-from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
+from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.messages import App
 from caesura_protocol.programs.apps_by_phase import groups_by_first
 from caesura_protocol.programs.checks import document_findings
@@ -20,6 +20,7 @@ from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.program_gripper import GRIP_REACH_M
 from caesura_protocol.robots import RobotDescription, robot_description
 from caesura_protocol.session_time_display import clock_from
+from caesura_protocol.set_downs import ends_in_contact
 
 NO_ROBOT = (
     "the program states no robot, so whether these poses are those of this arm is not known: state it with "
@@ -50,7 +51,7 @@ def findings_as_comments(program: ProgramFile) -> dict[int | None, list[str]]:
     """
     comments = texts_of_people(program)
     for index, (app, following) in enumerate(pairwise(program.apps)):
-        if APP_KINDS[app.kind].carries and ends_in_contact(app.kind, following.kind):
+        if APP_KINDS[app.kind].carries and ends_in_contact(app, following):
             said = "sets down: looks for the surface at its end, slowly until it is felt"
             comments.setdefault(index, []).append(said)
     for index, app in enumerate(program.apps):

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.app_force_limit import exerted_forces
-from caesura_protocol.app_kinds import APP_KINDS, ends_in_contact
+from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, Segment, Vector
 from caesura_protocol.number_words import fixed, interval
 from caesura_protocol.programs.checks.fidelity import (
@@ -29,6 +29,7 @@ from caesura_protocol.programs.checks.fidelity import (
 )
 from caesura_protocol.programs.program_gripper import GRIPS
 from caesura_protocol.rotations import align_signs, angle_between
+from caesura_protocol.set_downs import ends_in_contact
 from caesura_protocol.up_direction import UP
 from caesura_service.constants import GRAVITY, REST_M_PER_S
 from caesura_service.program.carried_loads import hangs
@@ -222,7 +223,7 @@ def _touches(segments: Sequence[Segment], apps: Sequence[App], up: Vector) -> It
     met = [
         (one.t0, two.t0, newton)
         for (one, two), newton in zip(pairwise(apps), pressed[1:], strict=True)
-        if ends_in_contact(one.kind, two.kind)
+        if ends_in_contact(one, two)
     ]
     lost: list[list[Segment]] = []
     place = 0

@@ -248,6 +248,29 @@ def test_what_falls_on_its_way_stops_the_program_before_it_is_set_down(
         runner.run(made.APPS)
 
 
+def test_what_is_let_fall_is_let_go_where_it_was_taught(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Over a bin the arm looked for a surface up to 40 mm below, and the script stopped: there is none."""
+
+    def surface(_: float, y: float) -> float:
+        return 0.11 if y < -0.6 else 0.0
+
+    *before, let_go, away = pick_and_place()
+    fall = let_go.model_copy(update={"force_taught": None})
+    made, runner = over_surface(monkeypatch, as_file((*before, fall, away)), surface)
+    opened_at, open_fingers = [], runner.gripper.move
+
+    def opened(*args: Any) -> bool:
+        opened_at.append(runner.flange().translation[2])
+        return bool(open_fingers(*args))
+
+    monkeypatch.setattr(runner.gripper, "move", opened)
+    runner.run(made.APPS)
+    assert opened_at == pytest.approx([0.107], abs=0.001)
+    made, runner = over_surface(monkeypatch, as_file(pick_and_place()), surface)
+    with pytest.raises(made.Stop, match=r"app 4 .transport.: no contact within"):
+        runner.run(made.APPS)
+
+
 def test_a_gripper_that_is_lost_names_the_app(monkeypatch: pytest.MonkeyPatch) -> None:
     # It ended the script with a traceback: in franky 2.0.0 this is no `franky.Exception`.
     made, runner = over_surface(monkeypatch, as_file(pick_and_place()), lambda x, y: 0.11)

@@ -14,7 +14,7 @@ from caesura_lab.execution.joint_speeds import JOINT_SHARE, fastest_joint
 from caesura_lab.execution.trajectories import app_path, press_direction
 from caesura_lab.teacher.guided_arm import lever_along
 from caesura_lab.teacher.motion_profiles import Array
-from caesura_protocol.app_kinds import APP_KINDS, AppKind, ends_in_contact
+from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.checks.findings import Finding
 from caesura_protocol.programs.checks.workspace import EDGE_M, NEARLY_ALL, OF_AT_LEAST, outside_reason
@@ -22,6 +22,7 @@ from caesura_protocol.programs.contact_forces import touching_force
 from caesura_protocol.programs.safety import PLANNED_SHARE
 from caesura_protocol.reproduced_path import Curve
 from caesura_protocol.rotations import matrix_of, quaternion_of
+from caesura_protocol.set_downs import ends_in_contact
 from caesura_service.robot import Robot
 
 REACH_M, REACH_RAD = 1e-3, 1e-2
@@ -88,7 +89,7 @@ def reach_findings(apps: Sequence[App], cell: Cell, robot: Robot) -> list[Findin
     state = _state_before(apps, cell)
     found: list[Finding] = []
     for index, app in enumerate(apps):
-        following = apps[index + 1].kind if index + 1 < len(apps) else None
+        following = apps[index + 1] if index + 1 < len(apps) else None
         some, state = checker.check_app(index, app, following, state)
         found += some
     wrong = checker.joint_reasons(apps)
@@ -106,10 +107,10 @@ class _ReachabilityChecker:
         self._high_place = np.array(cell.safety.workspace_high) - EDGE_M + BEGINS_M
 
     def check_app(
-        self, index: int, app: App, following: AppKind | None, state: _ArmState
+        self, index: int, app: App, following: App | None, state: _ArmState
     ) -> tuple[list[Finding], _ArmState]:
         """Check one app; return its findings and the state of the arm after it."""
-        ends = ends_in_contact(app.kind, following)
+        ends = ends_in_contact(app, following)
         after = _state_after(app, state, touching=ends)
         if state.touching and (APP_KINDS[app.kind].in_contact or not self._has_left(after)):
             after = replace(after, touching=True)

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from caesura_protocol.app_force_limit import LEAST_PRESS_N, exerted_forces, force_in_words
-from caesura_protocol.app_kinds import APP_KINDS, AppKind, app_name, ends_in_contact
+from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.messages import App, Gap, Vector, ViaPoint, WrenchReport
 from caesura_protocol.number_words import fixed, interval, reads_above
 from caesura_protocol.programs.app_time_shifts import part_of, rests_of
@@ -28,6 +28,7 @@ from caesura_protocol.programs.program_gripper import GRIP_REACH_M, GRIPS, SURE_
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
 from caesura_protocol.rotations import angle_between
+from caesura_protocol.set_downs import ends_in_contact
 from caesura_protocol.up_direction import GRAVITY, UP
 
 UNEVEN_SHARE = 0.15  # of a force, by which one beside it is another force
@@ -85,7 +86,7 @@ def fidelity_findings(
         part = part_of(app)
         led = led and part == taught_in and _follows(app)
         if led:
-            missed = _motion_before(pose, app, apps[index - 1].kind if index else app.kind)
+            missed = _motion_before(pose, app, apps[index - 1] if index else app)
         else:
             missed = _seam(pose, app, EDITED_APART if part == taught_in else TAUGHT_APART)
         pauses = _pause_before(apps[index - 1], app, safety) if index else ()
@@ -168,10 +169,10 @@ def _pause_before(before: App, app: App, safety: Safety) -> Iterator[Reason]:
         )
 
 
-def _motion_before(pose: ViaPoint | None, app: App, before: AppKind) -> Iterator[Reason]:
+def _motion_before(pose: ViaPoint | None, app: App, before: App) -> Iterator[Reason]:
     """Yield a finding on motion between two apps that no app reproduces.
 
-    The fingers of a robot move where the app before ends. before: the kind of that app.
+    The fingers of a robot move where the app before ends. before: that app.
     """
     start = _start_of(app) if app.path is not None or app.kind in GRIPS else None
     if pose is None or start is None:
@@ -181,7 +182,7 @@ def _motion_before(pose: ViaPoint | None, app: App, before: AppKind) -> Iterator
         seen, then = app.tn, "the robot does not move before this app"
     when = f"{interval(min(pose.t, seen), seen, 1)} s"
     moved = math.dist(start.position, pose.position)
-    touches = APP_KINDS[app.kind].presses or APP_KINDS[before].presses or ends_in_contact(before, app.kind)
+    touches = APP_KINDS[app.kind].presses or APP_KINDS[before.kind].presses or ends_in_contact(before, app)
     least = STEPPED_M if touches or seen - pose.t < RESTED_S else DRIFTED_M
     if moved > least:
         reason = f"{fixed(1000 * moved, 0)} mm of way taught at {when} are in no app: {then}"

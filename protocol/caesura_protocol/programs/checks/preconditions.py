@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from caesura_protocol.app_kinds import APP_KINDS, ends_in_contact
+from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, Quaternion
 from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.checks.findings import Finding, in_mm
 from caesura_protocol.programs.program_gripper import SHUT_M
 from caesura_protocol.rotations import angle_between
+from caesura_protocol.set_downs import ends_in_contact
 
 PULLS = "pulls on what it touches: its force points away from the tool"
 WHY_IT_PULLS = (
@@ -36,7 +37,7 @@ def order_findings(apps: Sequence[App]) -> list[Finding]:
     touching, holding, moved, emptied = False, None, False, False
     orientation: Quaternion | None = None
     for index, app in enumerate(apps):
-        following = apps[index + 1].kind if index + 1 < len(apps) else None
+        following = apps[index + 1] if index + 1 < len(apps) else None
         empties = emptied or _is_shut(app) or any(later.kind == "grasp" for later in apps[index + 1 :])
         reason = _violations(app, touching=touching, holds=holding is not None, empties=empties)
         if reason == UNHELD and all(one.kind != "grasp" for one in apps):
@@ -59,7 +60,7 @@ def order_findings(apps: Sequence[App]) -> list[Finding]:
         facts = APP_KINDS[app.kind]
         # A missing contact is found once. What is gripped where it stands is touched by it.
         stays = facts.in_contact and (touching or facts.presses or app.kind == "grasp")
-        touching = stays or ends_in_contact(app.kind, following)
+        touching = stays or ends_in_contact(app, following)
         moved = moved or facts.travels
     if holding is not None:
         reason = "grasps what is never released: an app 'move gripper' must follow"

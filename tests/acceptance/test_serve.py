@@ -118,6 +118,15 @@ def test_an_endpoint_that_is_refused_leaves_no_journal(options: tuple[str, ...],
     assert not journal.exists()
 
 
+def test_an_endpoint_of_a_router_and_one_of_a_client_contradict_each_other(tmp_path):
+    """The first was left out in silence: bridges that were to connect to it found no service."""
+    both = ("--listen", "tcp/127.0.0.1:0", "--connect", "tcp/127.0.0.1:7447")
+    done = CliRunner().invoke(app, ["serve", *both, "--journal", str(tmp_path / "journal")])
+    assert done.exit_code == 2
+    assert "state one of them" in " ".join(done.stderr.replace("│", " ").split())
+    assert not (tmp_path / "journal").exists()
+
+
 def test_a_name_that_is_no_name_is_refused():
     assert "'Not A Name'" in refused("--instance", "Not A Name")
 

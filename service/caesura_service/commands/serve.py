@@ -124,6 +124,9 @@ def serve(
     _log_to_stderr(log_level, log_format, instance if instances == 1 else ROUTER)
     if preset not in PRESETS:
         raise typer.BadParameter(f"{preset!r}, known: {', '.join(sorted(PRESETS))}", param_hint="--preset")
+    if listen is not None and connect is not None:
+        why = f"{listen!r} beside --connect {connect!r}: a client listens nowhere, state one of them"
+        raise typer.BadParameter(why, param_hint="--listen")
     try:
         config = ServiceConfig(
             instance=instance,

@@ -267,11 +267,9 @@ def served(monkeypatch):
     monkeypatch.delitem(sys.modules, "caesura_ros.node", raising=False)
     module: Any = import_module("caesura_ros.node")
 
-    service = SimpleNamespace(
-        results=lambda station: (), snapshot=lambda *asked: SimpleNamespace(program=None), close=lambda: None
-    )
+    session = SimpleNamespace(program=wire(Program), segments=wire(Segments))
+    service = SimpleNamespace(results=lambda station: (), snapshot=lambda *asked: session, close=lambda: None)
     monkeypatch.setattr(module, "connect", lambda endpoint: service)
-    monkeypatch.setattr(module, "document", lambda program: None)
     found.module, found.service, found.node = module, service, module.CaesuraNode()
     yield found
     sys.modules.pop("caesura_ros.node", None)
@@ -293,6 +291,15 @@ def test_a_script_that_a_controller_has_is_not_said_to_be_cancelled(served, monk
     monkeypatch.setattr(served.module, "run", sends)
     served.actions["~/run"].execute(goal)
     assert goal.state == "succeeded"
+
+
+def test_the_script_that_the_node_runs_has_the_groups_of_the_program(served, monkeypatch):
+    """It had none: the phases were left out on the way from the session to its script."""
+    made: list[Any] = []
+    monkeypatch.setattr(served.module, "run", lambda *_, **__: running.Ran(True, ""))
+    monkeypatch.setattr(served.module, "document", lambda program, phases: made.append((program, phases)))
+    served.actions["~/run"].execute(asked_to_run())
+    assert made == [(wire(Program), wire(Segments).phases)]
 
 
 def test_the_end_of_the_node_cancels_the_script_that_it_runs(served, monkeypatch):

@@ -173,12 +173,12 @@ class CaesuraNode(Node):
             goal.publish_feedback(feedback)
 
         try:
-            found = self.caesura.snapshot(asked.station, asked.session or None).program
+            found = self.caesura.snapshot(asked.station, asked.session or None)
         except CaesuraError as error:
             result.message = str(error)
             return _ended(goal, result, is_cancelled=goal.is_cancel_requested)
         result.success, result.message = run(
-            document(found),
+            document(found.program, phases=found.segments.phases),
             asked.format,
             asked.host,
             report,

@@ -40,7 +40,12 @@ expect.set_options(timeout=PATIENCE_MS)
 TAUGHT_S = 6.5  # [s] the hand has gone back and rests
 SHORT_S = 1.5
 LEAST_SHOWN = 35  # of 50 samples a second, in half of that
-INSERTED_S = 1.4  # [s] in the middle of the first movement
+# [s] the middle of the longest segment: in a long session any other time is near to a changepoint.
+MIDDLE = """() => {
+  const segments = document.querySelector(".plots").plots.state.segments;
+  const [t0, tn] = segments.reduce((one, two) => (two[1] - two[0] > one[1] - one[0] ? two : one));
+  return (t0 + tn) / 2;
+}"""
 AXES = ("x", "y", "z")
 NAMED = Description(task="wipe the table", operator="Ann", note="calm hand", success=True)
 STARTED = "put the cube into the box"  # the task, as it is typed before the start
@@ -148,10 +153,10 @@ def correct(visitor: Visitor) -> None:
     page.locator(".plots").press("0")
     page.locator("canvas.band").scroll_into_view_if_needed()
     settled(page)
-    insert = page.locator(".correct-menu .insert")
+    insert, t = page.locator(".correct-menu .insert"), page.evaluate(MIDDLE)
 
     def opens_menu() -> bool:  # again where the page has moved between the look and the click
-        x, _ = Operator.at(page, visitor).place(INSERTED_S)
+        x, _ = Operator.at(page, visitor).place(t)
         band = page.locator("canvas.band").bounding_box()
         assert band is not None
         page.mouse.click(x, band["y"] + band["height"] - 4, button="right")
@@ -159,7 +164,7 @@ def correct(visitor: Visitor) -> None:
 
     eventually(opens_menu)
     insert.click()
-    expect(page.locator(".message").first).to_contain_text("Changepoint inserted at 1.")
+    expect(page.locator(".message").first).to_contain_text("Changepoint inserted at ")
     expect(page.locator(".corrections li")).to_have_count(1)
     looks_right(visitor, "day-corrected")
 
@@ -307,7 +312,7 @@ def test_a_demonstration_from_its_start_to_the_day_after(
     find(stage, page)
     with stage.reader() as caesura:
         check_results(caesura, session, before)
-    expect(page.locator(".corrections li")).to_contain_text("inserted a changepoint at 1.")
+    expect(page.locator(".corrections li")).to_contain_text("inserted a changepoint at ")
     expect(page.locator(".app").nth(number).locator("h3")).to_contain_text("Press the pump")
     check_signals(page, patient(), before.status.samples)
     looks_right(visitor, "day-next-day")

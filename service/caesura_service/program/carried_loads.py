@@ -120,18 +120,23 @@ def hanging(step: ProgramSegment, context: Context) -> ProgramSegment:
         return step
     if step.segment.kind == "contact" and not holds(step, context.grips):
         return step
-    down = weight_n(step.segment.force, context.up)
+    return as_carry_of(step.segment.force, step, context)
+
+
+def as_carry_of(force: Vector, step: ProgramSegment, context: Context) -> ProgramSegment:
+    """Return a contact as a carry of the load whose weight is a force [N]; of none for one that pushes up."""
+    down = max(_weight_n(force, context.up), 0.0)
     return step.read_as("transport", load_kg=down / GRAVITY, load_sd_kg=HANGING_SD_N / GRAVITY)
 
 
 def hangs(force: Vector, up: Vector) -> bool:
     """Whether a force [N] pulls straight down on the robot, as a load does; up: of length 1."""
-    (x, y, z), (ux, uy, uz), down = force, up, weight_n(force, up)
+    (x, y, z), (ux, uy, uz), down = force, up, _weight_n(force, up)
     aside = length((x + down * ux, y + down * uy, z + down * uz))
     return down >= HANGING_N and aside <= HANGING_ASIDE * down
 
 
-def weight_n(force: Vector, up: Vector) -> float:
+def _weight_n(force: Vector, up: Vector) -> float:
     """Return the component [N] of a force (3,) [N] against `up`: the weight of what hangs on the robot."""
     against: float = -sum(map(mul, force, up))
     return against

@@ -11,8 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from caesura_service.constants import GRAVITY
-from caesura_service.program.carried_loads import HANGING_SD_N, weight_n
+from caesura_service.program.carried_loads import as_carry_of
 from caesura_service.program.contacts import touched_at
 from caesura_service.program.program_segment import (
     ARRIVES_M,
@@ -33,11 +32,11 @@ def with_drags(kept: Sequence[ProgramSegment], context: Context) -> list[Program
     read: list[ProgramSegment] = []
     for step in kept:
         if _is_held(step, context) and _is_moved(step, context):
-            carried = _as_carry(step, context)
+            carried = _dragged(step, context)
             begins = bool(read) and _rests(read[-1], context) and step.t0 - read[-1].tn < ROUNDED_S
             read.append(carried.joined_to(read.pop()) if begins else carried)
         elif read and read[-1].is_dragged and _rests(step, context):
-            read.append(_as_carry(step, context))
+            read.append(_dragged(step, context))
         else:
             read.append(step)
     return read
@@ -63,11 +62,6 @@ def _is_moved(step: ProgramSegment, context: Context) -> bool:
     return float(way @ direction(step.force)) <= -ARRIVES_M
 
 
-def _as_carry(step: ProgramSegment, context: Context) -> ProgramSegment:
+def _dragged(step: ProgramSegment, context: Context) -> ProgramSegment:
     """Return a contact as a carry of the weight that was held before it."""
-    carried = step.read_as(
-        "transport",
-        load_kg=max(weight_n(step.base, context.up), 0.0) / GRAVITY,
-        load_sd_kg=HANGING_SD_N / GRAVITY,
-    )
-    return replace(carried, is_dragged=True)
+    return replace(as_carry_of(step.base, step, context), is_dragged=True)

@@ -1,4 +1,4 @@
-"""Whether a contact ends an app: where the robot looks for a surface, and where it lets go in the air."""
+"""Whether an app touches something: where the robot looks for a surface, and what it pushes on its way."""
 
 from __future__ import annotations
 
@@ -18,3 +18,8 @@ def ends_in_contact(app: App, following: App | None) -> bool:
         return False
     facts = APP_KINDS[following.kind]
     return facts.presses or (facts.in_contact and following.force_taught is not None)
+
+
+def is_resisted(app: App) -> bool:
+    """Return whether an app moves against a resistance that gives way, such as a box that it pushes."""
+    return APP_KINDS[app.kind].travels and app.force_taught is not None

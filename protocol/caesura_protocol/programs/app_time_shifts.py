@@ -16,7 +16,7 @@ from typing import NamedTuple, TypeVar
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, AppPath, DeleteApp, Gap, ProgramEdit, ReplacePart, Vector
 from caesura_protocol.reproduced_path import turn_of
-from caesura_protocol.set_downs import ends_in_contact
+from caesura_protocol.set_downs import ends_in_contact, is_resisted
 
 SHIFT_S = 2.0**-20
 TURNED_M = 0.1  # a turn by a radian counts as so many metres
@@ -30,8 +30,12 @@ Taught = tuple[int | None, float]  # the edit that added an app, and when it beg
 
 
 def may_retime(app: App) -> bool:
-    """Whether an app moves in free space or carries, along a path that is no turn in place."""
-    if not APP_KINDS[app.kind].travels or app.path is None or app.target is None or app.screw is not None:
+    """Whether an app moves in free space or carries, along a path that is no turn in place.
+
+    What pushes or pulls against a resistance keeps its speed: a box that is pushed faster may slide on.
+    """
+    moves = APP_KINDS[app.kind].travels and not is_resisted(app)
+    if not moves or app.path is None or app.target is None or app.screw is not None:
         return False
     return app.path.length_m > TURNED_M * turn_of(app)
 

@@ -123,10 +123,15 @@ def _as_observed(app: App, gaps: Sequence[Gap]) -> App:
 
 
 def _motions(group: AppGroup) -> Iterable[App]:
-    """Yield one app per movement; the last one ends at the contact that follows."""
+    """Yield one app per movement; the last one ends at the contact that follows.
+
+    One against a resistance has the force that was taught, which it does not exert.
+    """
     touches = _meets(group)
     for step in group.steps:
-        if touches and step is group.steps[-1]:
+        if step.is_resisted:
+            yield group.moving("cartesian_motion", step, changes=_resisted(step))
+        elif touches and step is group.steps[-1]:
             yield group.moving("move_to_contact", step, group.touch())
         elif step.segment.kind == "turning" and (end := group.rest(step)) is not None:
             yield group.moving("cartesian_motion", step, end, {"tn": end.t})
@@ -193,10 +198,11 @@ def _shares(grips: Sequence[GripperAction], t0: float, tn: float) -> Sequence[tu
 def _meets(group: AppGroup) -> bool:
     """Whether the group's last movement ends at the contact that follows.
 
-    A contact that includes its approach has a Move To Contact of its own, unless a grip belongs to it.
+    A contact that includes its approach has a Move To Contact of its own, unless a grip belongs to it. A
+    movement against a resistance searches none, because the resistance would end the search.
     """
     contact = group.contact
-    if contact is None:
+    if contact is None or group.steps[-1].is_resisted:
         return False
     return not group.is_approached(contact) or any(
         grip.is_near(contact.t0, contact.tn) for grip in group.grips
@@ -299,9 +305,16 @@ def _carries(group: AppGroup) -> Iterable[App]:
                 "load_sd_kg": average(weighed, "load_sd_kg"),
             }
         for step in steps:
-            ends = sets_down and step is group.steps[-1] and not step.is_dragged
+            ends = sets_down and step is group.steps[-1]
             end = group.touch() if ends else None
-            yield group.moving("hold" if _holds_still(step, end) else "transport", step, end, load)
+            still = _holds_still(step, end)
+            taught = _resisted(step) if step.is_resisted and not still else {}
+            yield group.moving("hold" if still else "transport", step, end, load | taught)
+
+
+def _resisted(step: ProgramSegment) -> dict[str, object]:
+    """Return the field `force_taught` of a movement against a resistance, which it does not exert."""
+    return {"force_taught": _forces(step.force, None)["force_taught"]}
 
 
 def _weighed(steps: Sequence[ProgramSegment]) -> list[ProgramSegment]:

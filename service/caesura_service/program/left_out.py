@@ -29,7 +29,7 @@ from caesura_protocol.programs.checks.fidelity import (
 )
 from caesura_protocol.programs.program_gripper import GRIPS
 from caesura_protocol.rotations import align_signs, angle_between
-from caesura_protocol.set_downs import ends_in_contact
+from caesura_protocol.set_downs import ends_in_contact, is_resisted
 from caesura_protocol.up_direction import UP
 from caesura_service.constants import GRAVITY, REST_M_PER_S
 from caesura_service.program.carried_loads import hangs
@@ -218,7 +218,8 @@ def _touches(segments: Sequence[Segment], apps: Sequence[App], up: Vector) -> It
     inside: dict[int, float] = {}
     for app, newton in zip(apps, pressed, strict=True):
         inside |= {index: max(newton, inside.get(index, 0.0)) for index in app.segments}
-    in_contact = {index for app in apps if APP_KINDS[app.kind].in_contact for index in app.segments}
+    touching = [app for app in apps if APP_KINDS[app.kind].in_contact or is_resisted(app)]
+    in_contact = {index for app in touching for index in app.segments}
     weights = _weights(apps)
     met = [
         (one.t0, two.t0, newton)
@@ -254,10 +255,10 @@ def _pressed_n(app: App, segments: Sequence[Segment]) -> float:
 
     The forces of its segments have the bias of the sensor, as those of other contacts have.
     """
-    if app.force is None:
+    if app.force is None and not is_resisted(app):
         return math.inf
-    felt = (length(segments[index].force) for index in app.segments)
-    return max(*(one.newton_taught for one in exerted_forces(app)), *felt)
+    felt = [length(segments[index].force) for index in app.segments]
+    return max([*(one.newton_taught for one in exerted_forces(app)), *felt])
 
 
 def _is_other(newton: float, pressed_n: float) -> bool:

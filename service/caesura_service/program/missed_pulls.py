@@ -10,6 +10,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.number_words import fixed, interval
+from caesura_protocol.set_downs import is_resisted
 from caesura_protocol.up_direction import UP
 from caesura_service.constants import GRAVITY
 from caesura_service.program.program_segment import UNLIKE_N, MomentAt, observed
@@ -27,9 +28,12 @@ def missed_pulls_note(apps: Iterable[App], moment_at: MomentAt, up: Vector = UP)
 
 
 def _pulls(apps: Iterable[App], moment_at: MomentAt, up: Vector) -> Iterator[str]:
-    """Yield text on each force that differed from the weight for `PULLED_LOOKS` observations in a row."""
+    """Yield text on each force that differed from the weight for `PULLED_LOOKS` observations in a row.
+
+    What moves against a resistance states its own force.
+    """
     for app in apps:
-        if app.load_kg is None or not APP_KINDS[app.kind].carries:
+        if app.load_kg is None or not APP_KINDS[app.kind].carries or is_resisted(app):
             continue
         felt = [force for t in observed(app.t0, app.tn) if (force := moment_at(t).force) is not None]
         if len(felt) < PULLED_LOOKS:

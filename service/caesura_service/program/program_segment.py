@@ -106,7 +106,7 @@ class ProgramSegment:
 
     is_set_apart: whether an operator has set its start; base: of a contact, the force [N] before the touch;
     rests_before, rests_after: the rests at the ends of a stroke; approach: the movements into a contact, or
-    the stroke, of which this segment is the end; is_dragged: whether a resistance acts on what it carries.
+    the stroke, of which this segment is the end; is_resisted: whether a resistance acts on it as it moves.
     """
 
     index: int
@@ -117,7 +117,7 @@ class ProgramSegment:
     rests_before: tuple[ProgramSegment, ...] = ()
     rests_after: tuple[ProgramSegment, ...] = ()
     approach: tuple[ProgramSegment, ...] = ()
-    is_dragged: bool = False
+    is_resisted: bool = False
 
     @property
     def parts(self) -> tuple[ProgramSegment, ...]:

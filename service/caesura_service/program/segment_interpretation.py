@@ -5,8 +5,8 @@ The filter infers each segment separately. In two passes,
    (`contacts`), and how it leaves the contact (`departures`). Segments below the minimum time, and the
    decaying force of a contact, are left out;
 2. related segments are joined, stage by stage. A short movement is joined with the one before or after it.
-   The rests and ends of a stroke are part of it (`joined_strokes`). A held object that gives way is carried
-   (`drags`).
+   The rests and ends of a stroke are part of it (`joined_strokes`). A press that gives way is a movement
+   (`resisted_movements`).
 A kind that an operator has set is not changed.
 """
 
@@ -29,7 +29,6 @@ from caesura_service.program.carried_loads import (
 )
 from caesura_service.program.contacts import as_touching, set_down, still_touching
 from caesura_service.program.departures import leaving, lets_go, with_departures
-from caesura_service.program.drags import with_drags
 from caesura_service.program.joined_movements import with_whole_movements
 from caesura_service.program.joined_strokes import (
     are_one_kind,
@@ -46,6 +45,7 @@ from caesura_service.program.program_segment import (
     ProgramSegment,
     holds,
 )
+from caesura_service.program.resisted_movements import with_resisted_movements
 from caesura_service.program.sensor_bias import with_bases
 
 Stage = Callable[[Sequence[ProgramSegment], Context], list[ProgramSegment]]
@@ -94,7 +94,7 @@ def kept_steps(
         with_whole_turns,
         with_ends,
         with_rests,
-        with_drags,
+        with_resisted_movements,
     )
     for stage in stages:
         kept = stage(kept, context)

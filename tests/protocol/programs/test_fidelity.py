@@ -258,6 +258,12 @@ def test_the_weight_of_what_is_set_down_is_no_press_that_was_lost(force: Vector,
     )
 
 
+def test_the_force_of_what_is_pushed_is_not_controlled():
+    pushed = move(0.0, there(0.1), there(0.2)).model_copy(update={"force_taught": (8.0, 0.0, 0.0)})
+    said = [one for one in reasons((pushed,)) if "8.0 N" in one]
+    assert said == ["was taught against 8.0 N: it follows its path, and controls no force"]
+
+
 def test_what_is_lost_is_found_beside_an_error_of_another_app():
     # One number above the robot's limit hid every warning: of check, and in a behaviour tree.
     touch = app("move_to_contact", 3.0, 4.0, there(0.6))

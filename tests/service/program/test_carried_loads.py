@@ -88,14 +88,14 @@ def test_what_weighs_more_has_been_lifted(force: tuple[float, float, float], bec
 
 
 @pytest.mark.parametrize(
-    ("grips", "becomes"), [((GripperAction(-1.0, "grasp", 0.03),), "transport"), ((), "apply_force")]
+    ("grips", "becomes"), [((GripperAction(-1.0, "grasp", 0.03),), "transport"), ((), "cartesian_motion")]
 )
 def test_what_the_fingers_hold_and_weighs_more_has_been_lifted_after_a_touch_of_one_observation(
     grips: tuple[GripperAction, ...], becomes: str
 ) -> None:
     """It pulled at what it touched in that observation, for as long as it was carried: no robot ran that.
 
-    Where nothing is known of the fingers, it may be a press whose force is stated the other way round.
+    Where nothing is known of the fingers, the robot only moves against that force.
     """
     load = {"load_kg": 0.4, "load_sd_kg": 0.05}
 

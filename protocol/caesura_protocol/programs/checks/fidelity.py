@@ -28,7 +28,7 @@ from caesura_protocol.programs.program_gripper import GRIP_REACH_M, GRIPS, SURE_
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
 from caesura_protocol.rotations import angle_between
-from caesura_protocol.set_downs import ends_in_contact
+from caesura_protocol.set_downs import ends_in_contact, is_resisted
 from caesura_protocol.up_direction import GRAVITY, UP
 
 UNEVEN_SHARE = 0.15  # of a force, by which one beside it is another force
@@ -353,7 +353,14 @@ def _lost_press(app: App, carried: App | None, up: Vector) -> Iterator[Reason]:
         pressed = np.add(app.force_taught, GRAVITY * carried.load_kg * np.array(up))
         if np.linalg.norm(pressed) < LEAST_PRESS_N + SURE_SDS * GRAVITY * (carried.load_sd_kg or 0.0):
             return
-    yield f"was taught with a press of {fixed(newtons, 1)} N, which it does not reproduce", newtons, None
+    if is_resisted(app):
+        yield (
+            f"was taught against {fixed(newtons, 1)} N: it follows its path, and controls no force",
+            newtons,
+            None,
+        )
+    else:
+        yield f"was taught with a press of {fixed(newtons, 1)} N, which it does not reproduce", newtons, None
 
 
 def _unknown_loads(apps: Sequence[App]) -> Iterator[Finding]:

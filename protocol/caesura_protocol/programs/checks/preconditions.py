@@ -15,7 +15,7 @@ from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.checks.findings import Finding, in_mm
 from caesura_protocol.programs.program_gripper import SHUT_M
 from caesura_protocol.rotations import angle_between
-from caesura_protocol.set_downs import ends_in_contact
+from caesura_protocol.set_downs import ends_in_contact, is_resisted
 
 PULLS = "pulls on what it touches: its force points away from the tool"
 WHY_IT_PULLS = (
@@ -60,7 +60,7 @@ def order_findings(apps: Sequence[App]) -> list[Finding]:
         facts = APP_KINDS[app.kind]
         # A missing contact is found once. What is gripped where it stands is touched by it.
         stays = facts.in_contact and (touching or facts.presses or app.kind == "grasp")
-        touching = stays or ends_in_contact(app, following)
+        touching = stays or ends_in_contact(app, following) or is_resisted(app)
         moved = moved or facts.travels
     if holding is not None:
         reason = "grasps what is never released: an app 'move gripper' must follow"

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from caesura_protocol.messages import Joints, Quaternion, Segment, Vector
 from caesura_protocol.rotations import upright_rotation
 from caesura_protocol.up_direction import UP
-from caesura_service.constants import TARED_BIAS_N
+from caesura_service.constants import GRAVITY, TARED_BIAS_N
 
 OBSERVED_S, TOUCHED_S = 0.1, 0.05  # from one observation to the next; from a boundary, which lies midway
 ROUNDED_S = 1e-6
@@ -22,6 +22,7 @@ PUSHES_BACK_N = 3.0  # what is touched; below it is what a sensor makes up
 STOPS_SHARE = 0.2  # of the lesser of the peaks of speed on both sides, up to which a movement or a turn stops
 ARRIVES_M = 0.05  # nothing is pressed in so far: a movement that ends in a press without a pause
 ACROSS_M, ACROSS_SHARE = 0.015, 1.0  # a stroke along a surface is longer than this, and pushes nothing in
+ENDS = 3  # observations at each end of a way, of which the median is the force there
 GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
 KINDS = {
     ("motion", "free"): "motion",
@@ -249,6 +250,12 @@ def average(steps: Sequence[ProgramSegment], name: Literal["load_kg", "load_sd_k
     """Return the average [kg] of a load field over segments, weighted by time; None counts as 0."""
     weighted: float = sum(step.seconds * (getattr(step.segment, name) or 0.0) for step in steps)
     return weighted / sum(step.seconds for step in steps)
+
+
+def carried_weight(segment: Segment, context: Context) -> NDArray[np.float64]:
+    """Return the force (3,) [N] with which the load of a segment pulls on the robot; 0 without a load."""
+    weight: NDArray[np.float64] = -GRAVITY * (segment.load_kg or 0.0) * np.array(context.up)
+    return weight
 
 
 def observed(begin: float, end: float) -> list[float]:

@@ -15,12 +15,17 @@ from caesura_service.program.carried_loads import STANDS_S, as_carry_of
 from caesura_service.program.contacts import touched_at
 from caesura_service.program.program_segment import (
     ARRIVES_M,
+    ENDS,
     GRIP_SLACK_S,
+    PUSHES_BACK_N,
     ROUNDED_S,
+    UNLIKE_N,
     Context,
     ProgramSegment,
+    carried_weight,
     direction,
     holds,
+    length,
     observed,
 )
 
@@ -46,8 +51,15 @@ def with_resisted_movements(kept: Sequence[ProgramSegment], context: Context) ->
 
 
 def _moved(step: ProgramSegment, context: Context) -> ProgramSegment | None:
-    """Return a press that gives way as a carry, or as a movement in the air; None for any other step."""
-    if not _is_steady_grip(step, context) or not _gives_way(step, context):
+    """Return a press that gives way as a carry, or as a movement in the air; None for any other step.
+
+    A carry against a force that rises, such as a spring's, is one, too.
+    """
+    if not _is_steady_grip(step, context):
+        return None
+    if step.segment.kind == "transport" and holds(step, context.grips):
+        return replace(step, is_resisted=True) if _is_pulled(step, context) else None
+    if not _gives_way(step, context):
         return None
     if holds(step, context.grips):
         return _carried(step, context)
@@ -82,6 +94,21 @@ def _gives_way(step: ProgramSegment, context: Context) -> bool:
         return False
     way = np.subtract(step.segment.position_end, touched_at(step, context.moment_at))
     return float(way @ direction(step.force)) <= -ARRIVES_M
+
+
+def _is_pulled(step: ProgramSegment, context: Context) -> bool:
+    """Return whether what is carried is pulled back at its end, on `ARRIVES_M` or more of its way."""
+    seen = [context.moment_at(t) for t in observed(step.segment.t0, step.segment.tn)]
+    forces = np.array([one.force for one in seen if one.force is not None])
+    if len(forces) < max(len(seen), ENDS):
+        return False
+    pulls = forces - carried_weight(step.segment, context)
+    last = context.median(pulls[-ENDS:])
+    along = last / max(length(last), 1e-12)
+    slack = np.flatnonzero(pulls @ along < PUSHES_BACK_N)
+    begun = seen[min(int(slack[-1]) + 1, len(seen) - 1) if len(slack) else 0]
+    way = np.subtract(step.segment.position_end, begun.position)
+    return length(last) >= UNLIKE_N and float(way @ along) <= -ARRIVES_M
 
 
 def _pushes(step: ProgramSegment, context: Context) -> bool:

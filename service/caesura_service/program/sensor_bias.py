@@ -18,12 +18,15 @@ from numpy.typing import NDArray
 from caesura_protocol.messages import Segment, Vector
 from caesura_service.constants import TARED_BIAS_N
 from caesura_service.program.program_segment import (
+    ENDS,
     OBSERVED_S,
     PUSHES_BACK_N,
     Context,
     Moment,
     MomentAt,
     ProgramSegment,
+    carried_weight,
+    holds,
     length,
     observed,
 )
@@ -66,7 +69,27 @@ def with_bases(kept: Sequence[ProgramSegment], context: Context) -> list[Program
 
 def base_after(before: ProgramSegment, context: Context) -> Vector:
     """Return the force [N] before the contact that a step belongs to, or that follows the step."""
-    return before.base if before.touches else _force_at_end(before.segment, context)
+    if before.touches:
+        return before.base
+    base = _force_at_end(before.segment, context)
+    return _unpulled(base, before, context) if holds(before, context.grips) else base
+
+
+def _unpulled(base: Vector, carried: ProgramSegment, context: Context) -> Vector:
+    """Return the force [N] before the contact that follows a carry, given the median of its last second.
+
+    A force that rises or fades on the whole way is that of a spring, and no bias. Then it is the force at
+    the end of the way that is nearer to the carried weight.
+    """
+    forces = context.forces(observed(carried.segment.t0, carried.segment.tn))
+    if len(forces) < 2 * ENDS:
+        return base
+    ends = [context.median(forces[:ENDS]), context.median(forces[-ENDS:])]
+    if any(length(end - base) < PUSHES_BACK_N for end in ends):
+        return base
+    weight = carried_weight(carried.segment, context)
+    x, y, z = min(ends, key=lambda end: length(end - weight)).tolist()
+    return x, y, z
 
 
 def bias_between(

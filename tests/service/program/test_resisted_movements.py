@@ -20,7 +20,7 @@ from caesura_service.program import (
     left_out_note,
     task_program,
 )
-from service.program.segments import GRASP, kinds, moment_at, segment
+from service.program.segments import GRASP, RELEASE, kinds, moment_at, segment
 
 PULL_N = (0.0, 10.0, 0.0)
 
@@ -88,6 +88,52 @@ def test_other_contacts_stay_contacts(change: dict[str, float]) -> None:
     made = taught(**change)
     assert "transport" not in kinds(made)
     assert not any(map(is_resisted, made))
+
+
+def sprung(most_n: float, way_m: float = 0.1) -> tuple[App, ...]:
+    """Pull a gripped handle against a spring from 2 to 4 s, hold it, and let it back from 5 to 7 s."""
+
+    def at(t: float) -> Moment:
+        share = float(np.interp(t, [2.0, 4.0, 5.0, 7.0], [0.0, 1.0, 1.0, 0.0]))
+        return replace(moment_at(0.0), position=(0.0, -way_m * share, 0.2), force=(0.0, most_n * share, 0.0))
+
+    def part(kind: str, t0: float, tn: float, **fields: Any) -> Segment:
+        ends = {"position_start": at(t0).position, "position_end": at(tn).position}
+        return segment(kind, t0, tn, **ends, **fields)
+
+    def poses(t0: float, tn: float) -> tuple[Any, Any]:
+        times = np.arange(t0, tn + 1e-9, 0.1)
+        return times, np.array([at(t).position for t in times])
+
+    load = {"load_kg": 0.0, "load_sd_kg": 0.05}
+    parts = (
+        part("steady", 0.0, 1.0),
+        part("hold", 1.0, 2.0, **load),
+        part("transport", 2.0, 4.0, **load, force_end=(0.0, most_n, 0.0)),
+        part("contact", 4.0, 5.0, force_held=(0.0, most_n, 0.0)),
+        part("transport", 5.0, 7.0, **load),
+        part("hold", 7.0, 8.5, **load),
+    )
+    steps = [ProgramSegment(index, one, 1.0) for index, one in enumerate(parts)]
+    return task_program(steps, (GRASP, replace(RELEASE, t=8.5)), at, paths=Paths(poses))
+
+
+def test_a_handle_against_a_spring_is_carried_on_both_ways() -> None:
+    """The force that faded on the way back counted as a touch, and that way was in no app."""
+    made = sprung(20.0)
+    assert kinds(made) == ["grasp", "hold", "transport", "hold", "transport", "hold", "gripper_move"]
+    _, _, out, _, back, _, _ = made
+    assert out.path is not None
+    assert back.path is not None
+    assert out.path.length_m == pytest.approx(0.1, abs=0.01)
+    assert back.path.length_m == pytest.approx(0.1, abs=0.01)
+    assert out.force_taught == pytest.approx((0.0, -20.0, 0.0), abs=1.0)
+    assert [is_resisted(one) for one in made] == [one is out for one in made]
+
+
+@pytest.mark.parametrize(("most_n", "way_m"), [(20.0, 0.04), (2.0, 0.1)])
+def test_a_short_way_or_a_weak_spring_is_no_resisted_movement(most_n: float, way_m: float) -> None:
+    assert not any(map(is_resisted, sprung(most_n, way_m)))
 
 
 def pushed(*contacts: Segment, **changes: Any) -> list[App]:

@@ -366,6 +366,19 @@ def test_a_force_in_another_direction_that_was_held_in_a_press_is_named(
     assert len(named) == (leans is not None)
 
 
+@pytest.mark.parametrize(("second_kg", "named_at"), [(0.01, [2]), (0.02, [2, 3]), (0.5, [2])])
+def test_a_load_below_its_uncertainty_is_named_once_a_carry(second_kg: float, named_at: list[int]):
+    # A brush that was carried on eight legs had eight warnings.
+    carried = [
+        app("transport", t, t + 1.0, there(0.1 * t), load_kg=kg, load_sd_kg=0.05)
+        for t, kg in ((2.0, 0.01), (3.0, second_kg))
+    ]
+    grasp = app("grasp", 1.0, 2.0, there(0.2), gripper_width=0.05)
+    apps = (move(0.0, there(0.1), there(0.2)), grasp, *carried)
+    said = [index for index, reason in found(*apps) if "is below what can be measured, 0.10 kg" in reason]
+    assert said == named_at
+
+
 @pytest.mark.parametrize(("load_kg", "named"), [(0.25, False), (0.26, False), (0.8, True)])
 def test_a_load_that_changes_in_the_hand_is_named(load_kg: float, named: bool):
     apps = list(pick_and_place())

@@ -96,6 +96,7 @@ def fidelity_findings(
             *_path_deviation(app),
             *pauses,
             *missed,
+            *_small_load(app, carried),
             *_changed_load(app, carried),
             *_lost_motion(app),
             *_lost_press(app, carried, up),
@@ -305,14 +306,21 @@ def _force_limits(app: App) -> Iterator[Reason]:
         degrees = math.degrees(app.screw.angle)
         reason = f"turns by {fixed(degrees, 0)}° in contact, with a torque that was not measured"
         yield (reason, None, None)
-    if app.load_kg is not None and app.load_sd_kg is not None and app.load_kg < SURE_SDS * app.load_sd_kg:
-        least = SURE_SDS * app.load_sd_kg
-        yield (
-            f"load {fixed(app.load_kg, 2)} ± {fixed(app.load_sd_kg, 2)} kg is below what can be measured, "
-            f"{fixed(least, 2)} kg",
-            app.load_kg,
-            least,
-        )
+
+
+def _small_load(app: App, carried: App | None) -> Iterator[Reason]:
+    """Yield a finding on a load below its uncertainty, at the first of the apps that carry it.
+
+    carried: the app before, if it carries.
+    """
+    kg, sd_kg = app.load_kg, app.load_sd_kg
+    if kg is None or sd_kg is None or kg >= SURE_SDS * sd_kg:
+        return
+    if carried is not None and (carried.load_kg, carried.load_sd_kg) == (kg, sd_kg):
+        return
+    least = SURE_SDS * sd_kg
+    reason = f"load {fixed(kg, 2)} ± {fixed(sd_kg, 2)} kg is below what can be measured, {fixed(least, 2)} kg"
+    yield reason, kg, least
 
 
 def _changed_load(app: App, carried: App | None) -> Iterator[Reason]:

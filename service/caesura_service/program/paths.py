@@ -107,8 +107,10 @@ class Paths:
 
         None without both neighbours of it; the rate is 0 without orientations. Found once for each time.
         """
-        if t in self._speeds or t > self.settled_until:
-            return self._speeds.get(t)
+        if t > self.settled_until:
+            return None
+        if (known := self._speeds.get(t)) is not None:
+            return known
         beside = self._beside(t)
         if beside is None:
             return None

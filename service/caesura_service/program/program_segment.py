@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from operator import mul
 from typing import Literal
 
 import numpy as np
@@ -247,9 +248,14 @@ def holds(step: ProgramSegment, grips: Sequence[GripperAction]) -> bool | None:
 
 
 def average(steps: Sequence[ProgramSegment], name: Literal["load_kg", "load_sd_kg"]) -> float:
-    """Return the average [kg] of a load field over segments, weighted by time; None counts as 0."""
-    weighted: float = sum(step.seconds * (getattr(step.segment, name) or 0.0) for step in steps)
-    return weighted / sum(step.seconds for step in steps)
+    """Return the average [kg] of a load field over segments, weighted by time; None counts as 0.
+
+    A segment that begins at the last observation has no duration yet, and counts for `ROUNDED_S`.
+    """
+    seconds = [max(step.seconds, ROUNDED_S) for step in steps]
+    loads = [getattr(step.segment, name) or 0.0 for step in steps]
+    weighted: float = sum(map(mul, seconds, loads))
+    return weighted / sum(seconds)
 
 
 def carried_weight(segment: Segment, context: Context) -> NDArray[np.float64]:

@@ -167,9 +167,13 @@ class IncrementalProgramBuilder:
     def _touches(
         self, carry: ProgramSegment, steps: Sequence[ProgramSegment], known: Sequence[GripperAction]
     ) -> bool:
-        """Return whether a carry among steps is interpreted as a contact: what it holds is pushed back."""
+        """Return whether a carry among steps is interpreted as a contact: what it holds is pushed back.
+
+        One that is moved or held against a resistance may have been a contact first.
+        """
         kept = kept_steps(steps, known, self._moment, self.least_s, self.up)
-        return any(one.touches and any(part.index == carry.index for part in one.parts) for one in kept)
+        touching = (one for one in kept if one.touches or one.is_resisted)
+        return any(part.index == carry.index for one in touching for part in one.parts)
 
     def _may_end_movement(self, steps: Sequence[ProgramSegment]) -> bool:
         """Return whether a movement is so short that it may be the end of the one before.

@@ -112,6 +112,18 @@ def test_what_the_fingers_hold_and_weighs_more_has_been_lifted_after_a_touch_of_
     assert kinds(made)[-1] == becomes
 
 
+def test_a_carry_that_begins_at_the_last_observation_has_a_load() -> None:
+    """It has no duration yet: the program of a session could not be made (division by zero)."""
+    load = {"load_kg": 0.4, "load_sd_kg": 0.05}
+    ends = dict.fromkeys(("position_start", "position_end"), (0.0, 0.0, 0.2))
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("transport", 2.0, 2.0, **load, **ends),
+        grips=(GripperAction(1.0, "grasp", 0.03),),
+    )
+    assert kinds(made) == ["cartesian_motion", "grasp", "transport"]
+
+
 @pytest.mark.parametrize(("way_m", "becomes"), [(0.003, "hold"), (0.008, "hold"), (0.02, "transport")])
 def test_a_carry_that_leads_nowhere_is_a_hold(way_m: float, becomes: str) -> None:
     """A load was held over 3 mm by the person, and carried over 3 mm by the robot."""

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.reproduced_path import TOLERANCE_M, curve_of
+from caesura_service.program import Paths
 from harness.segmentations import segmented
 
 DATA = Path(__file__).parents[3] / "data"
@@ -28,3 +31,16 @@ def test_a_path_uses_half_of_its_tolerance(name: str) -> None:
         assert app.path.deviation_m <= 0.5 * TOLERANCE_M == 0.5 * app.path.tolerance_m
     assert max(furthest_m) <= 0.5 * TOLERANCE_M + SAMPLED_M
     assert max(furthest_m) > 0.2 * TOLERANCE_M, "a path leads through fewer places than it was seen at"
+
+
+def test_a_speed_that_is_not_settled_any_more_is_not_known() -> None:
+    """Segments may merge again. A program that was made anew then had none, and the one that grew had one."""
+
+    def poses_between(t0: float, tn: float) -> tuple[Any, Any]:
+        times = np.arange(round(10 * t0), round(10 * tn) + 1) / 10.0
+        return times, np.column_stack([times, 0.0 * times, 0.0 * times])
+
+    paths = Paths(poses_between, settled_until=2.0)
+    assert paths.speeds_at(1.0) == pytest.approx((1.0, 0.0))
+    paths.settled_until = 0.5
+    assert paths.speeds_at(1.0) is None

@@ -11,6 +11,7 @@ from caesura_service.program.left_out import BEGINS_MOVING, ENDS_MOVING, detours
 from caesura_service.program.missed_finger_motion import missed_finger_motion
 from caesura_service.program.missed_pulls import missed_pulls_note
 from caesura_service.program.missed_torques import missed_torques_note
+from caesura_service.program.missed_touches import missed_touches_note
 from caesura_service.program.paths import Paths
 from caesura_service.program.program_segment import (
     GRIP_SLACK_S,
@@ -45,6 +46,7 @@ __all__ = [
     "missed_finger_motion",
     "missed_pulls_note",
     "missed_torques_note",
+    "missed_touches_note",
     "observed_share",
     "task_program",
 ]

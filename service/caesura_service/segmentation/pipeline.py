@@ -49,6 +49,7 @@ from caesura_service.program import (
     missed_finger_motion,
     missed_pulls_note,
     missed_torques_note,
+    missed_touches_note,
 )
 from caesura_service.segmentation.correction_targets import edit_context
 from caesura_service.segmentation.corrections import (
@@ -564,11 +565,13 @@ class SegmentationPipeline:
         if note := left_out_note(segments, apps, self._history.moment, self._program.up, (*ways, *fingers)):
             yield note
         if self._in_use.contact_models:
-            span = self._history.t(0), self._history.t_last
-            if note := missed_torques_note(in_turns, self._history.torques, *span):
-                yield note
-            if note := missed_pulls_note(in_turns, self._history.moment, self._program.up):
-                yield note
+            span, moment = (self._history.t(0), self._history.t_last), self._history.moment
+            missed = (
+                missed_torques_note(in_turns, self._history.torques, *span),
+                missed_pulls_note(in_turns, moment, self._program.up),
+                missed_touches_note(in_turns, moment, *span, GivingWay),
+            )
+            yield from filter(None, missed)
         if self._moves(len(self._history) - 1):
             yield ENDS_MOVING
         yield from ungrouped_notes(apps, self._view.phases)

@@ -388,8 +388,8 @@ def program_of(pipeline: SegmentationPipeline) -> tuple[wire.App, ...]:
     paths = Paths(pipeline._history.poses)
     if view.segments and not pipeline._finished:
         paths.settled_until = view.segments[-1].t0
-    history = pipeline._history
-    return task_program(steps, pipeline._grips, history.moment, least_s=0.3, paths=paths, gaps=view.gaps)
+    moment = pipeline._program.moment_at  # without forces where no contact is inferred
+    return task_program(steps, pipeline._grips, moment, least_s=0.3, paths=paths, gaps=view.gaps)
 
 
 def test_a_program_that_is_left_is_made_as_it_would_have_been_and_is_as_before_until_then():
@@ -598,7 +598,9 @@ def test_a_view_says_in_which_unit_and_frame_its_samples_came(taught: Recording)
     assert (view.length_unit, view.wrench.frame) == ("mm", "flange")
 
 
-@pytest.mark.parametrize("note", ["detours", "missed_torques_note", "missed_pulls_note"])
+@pytest.mark.parametrize(
+    "note", ["detours", "missed_torques_note", "missed_pulls_note", "missed_touches_note"]
+)
 def test_the_notes_on_a_long_program_give_way_at_each_app(monkeypatch, taught, note):
     """At the end of 15 minutes they took 0.2 s in one slice, in which the worker served no station."""
     made, inside, slices = make_pipeline(opening_of(taught), "default"), [False], Slices(slice_s=0.0)

@@ -49,10 +49,13 @@ from caesura_service.program.joined_strokes import (
 )
 from caesura_service.program.paths import Paths
 from caesura_service.program.program_segment import (
+    OBSERVED_S,
     GripperAction,
     MomentAt,
     ProgramSegment,
     average,
+    direction,
+    divided_at,
     length,
     observed,
 )
@@ -160,13 +163,15 @@ def _turns(group: AppGroup) -> Iterable[App]:
 def _contacts(group: AppGroup) -> Iterable[App]:
     """Yield one app per grip in a contact, or else a press of at least `LEAST_CONTACT_N`.
 
-    Steps that push a peg in before the first grip are a press of their own. Without a grip, the approach in
+    What pushes a peg in before the first grip is a press of its own. Without a grip, the approach in
     a first step is a Move To Contact; no press follows it where a stroke goes on at once.
     """
-    inserted = _inserted(group)
+    inserted, rest = _inserted(group)
     if inserted:
         yield _press(replace(group, steps=inserted))
-        group = replace(group, steps=group.steps[len(inserted) :])
+        if not rest:
+            return
+        group = replace(group, steps=rest)
     t0, tn = group.steps[0].segment.t0, group.steps[-1].segment.tn
     hardest = _hardest(group.steps)
     mine = [grip for grip in group.grips if grip.is_near(t0, tn)]
@@ -241,12 +246,24 @@ def _hardest(steps: Sequence[ProgramSegment]) -> ProgramSegment:
     return max(held, key=lambda step: length(step.force))
 
 
-def _inserted(group: AppGroup) -> list[ProgramSegment]:
-    """Return the steps that push something in before the fingers first move, such as a peg into its hole."""
-    first = min((grip.t for grip in group.grips if grip.t >= group.steps[0].segment.t0), default=-math.inf)
-    before = list(takewhile(lambda step: step.segment.tn <= first, group.steps))[: len(group.steps) - 1]
-    depth = sum(step.pushed_in for step in before)
-    return before if depth > INSERTED_M else []
+def _inserted(group: AppGroup) -> tuple[list[ProgramSegment], list[ProgramSegment]]:
+    """Return the steps that push something in before the fingers first move, and the others.
+
+    A peg is pushed into its hole, for example. A step in which the fingers move is divided there.
+    """
+    steps = group.steps
+    first = min((grip.t for grip in group.grips if grip.t >= steps[0].segment.t0), default=-math.inf)
+    before = list(takewhile(lambda step: step.segment.tn <= first, steps))
+    after = steps[len(before) :]
+    if after and after[0].segment.t0 + OBSERVED_S < first and not after[0].segment.corrected:
+        pushing, gripping = divided_at(after[0], first, group.moment_at)
+        before, after = [*before, pushing], [gripping, *after[1:]]
+    if not before:
+        return [], steps
+    approach = None if group.before is None or group.before.touches else group.before.segment
+    end, touched = before[-1], group.touched(before[0], approach).where["target"]
+    depth = -float(np.subtract(end.segment.position_end, touched) @ direction(_hardest(before).force))
+    return (before, after) if depth > INSERTED_M else ([], steps)
 
 
 def _slides(group: AppGroup) -> Iterable[App]:

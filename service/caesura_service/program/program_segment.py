@@ -258,6 +258,18 @@ def average(steps: Sequence[ProgramSegment], name: Literal["load_kg", "load_sd_k
     return weighted / sum(seconds)
 
 
+def divided_at(step: ProgramSegment, t: float, moment_at: MomentAt) -> tuple[ProgramSegment, ProgramSegment]:
+    """Return the parts of a contact before and after a time [s] in it, the second with its own force."""
+    there, first = moment_at(t).position, step.segment
+    later = [force for at in observed(t, first.tn) if (force := moment_at(at).force) is not None]
+    ends = {"t0": t, "position_start": there}
+    ends |= {"force_held": tuple(medians(np.array(later)).tolist())} if later else {}
+    before = first.model_copy(update={"tn": t, "position_end": there})
+    return replace(step, segment=before), replace(
+        step, segment=first.model_copy(update=ends), rests_before=(), approach=()
+    )
+
+
 def carried_weight(segment: Segment, context: Context) -> NDArray[np.float64]:
     """Return the force (3,) [N] with which the load of a segment pulls on the robot; 0 without a load."""
     weight: NDArray[np.float64] = -GRAVITY * (segment.load_kg or 0.0) * np.array(context.up)

@@ -258,6 +258,17 @@ def test_the_weight_of_what_is_set_down_is_no_press_that_was_lost(force: Vector,
     )
 
 
+@pytest.mark.parametrize(("newton", "warned"), [(-20.0, False), (-10.0, True)])
+def test_a_press_that_goes_on_until_the_fingers_open_is_not_lost(newton: float, warned: bool):
+    apps = (
+        app("grasp", 0.0, 1.0, there(0.2), gripper_width=0.05),
+        app("transport", 1.0, 2.0, there(0.4), load_kg=0.5, load_sd_kg=0.02),
+        app("apply_force", 2.0, 3.0, there(0.4), force=(0.0, 0.0, newton)),
+        app("gripper_move", 3.0, 4.0, there(0.4), gripper_width=0.08, force_taught=(0.0, 0.0, -20.0)),
+    )
+    assert any("does not reproduce" in one for one in reasons(apps)) == warned
+
+
 def test_the_force_of_what_is_pushed_is_not_controlled():
     pushed = move(0.0, there(0.1), there(0.2)).model_copy(update={"force_taught": (8.0, 0.0, 0.0)})
     said = [one for one in reasons((pushed,)) if "8.0 N" in one]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from caesura_protocol.messages import AppReference, ChangeApp, ProgramEdit
+from caesura_protocol.messages import App, AppReference, ChangeApp, ProgramEdit, Segment
 from caesura_service.program import GripperAction, Moment, ProgramSegment, task_program
 from caesura_service.program_edits.program_with_edits import apply
 from service.program.segments import kinds, moment_at, program, segment, stopping_at
@@ -308,3 +308,42 @@ def test_a_press_has_its_target_where_it_was_last_pressed() -> None:
     steps = [segment("motion", 0.0, 2.0), segment("contact", 2.0, 3.0, force_held=(0.0, 0.0, 8.0))]
     _, pressed = task_program([ProgramSegment(i, one, 1.0) for i, one in enumerate(steps)], (), pushed)
     assert pressed.target == pytest.approx((0.0, 0.0, 0.255))
+
+
+def plugged(depth_m: float, released_s: float, newton: float = 20.0) -> list[App]:
+    """A plug is carried down, pushed in from 4 to 5 s, held in until 5.5 s, and let go."""
+
+    def at(t: float) -> Moment:
+        z = float(np.interp(t, [2.0, 4.0, 5.0], [0.4, 0.2, 0.2 - depth_m]))
+        force = float(np.interp(t, [4.0, 4.1, 5.5, 5.6], [0.0, newton, newton, 0.0]))
+        return replace(moment_at(0.0), position=(0.0, 0.0, z), force=(0.0, 0.0, force))
+
+    def part(kind: str, t0: float, tn: float, **fields: Any) -> Segment:
+        return segment(kind, t0, tn, position_start=at(t0).position, position_end=at(tn).position, **fields)
+
+    made = program(
+        part("transport", 2.0, 4.0, load_kg=0.0, load_sd_kg=0.05),
+        part("contact", 4.0, 5.6, force_held=(0.0, 0.0, newton)),
+        part("steady", 5.6, 7.0),
+        grips=(GripperAction(1.0, "grasp", 0.02), GripperAction(released_s, "release", 0.08)),
+        at=at,
+    )
+    return [one for one in made if one.kind != "grasp"]
+
+
+@pytest.mark.parametrize("released_s", [5.3, 5.5, 5.8])
+def test_what_is_pushed_in_before_the_fingers_let_go_is_a_press_and_then_a_release(released_s: float) -> None:
+    """A plug that was pushed in by 14 mm with 30 N was only let go, 14 mm above its place."""
+    made = plugged(0.014, released_s)
+    assert kinds(made) == ["transport", "apply_force", "gripper_move"]
+    _, press, release = made
+    assert press.force == pytest.approx((0.0, 0.0, -20.0))
+    assert press.target == pytest.approx((0.0, 0.0, 0.186), abs=5e-4)
+    assert press.tn <= max(release.t0, 5.6)
+    assert release.t0 == pytest.approx(released_s, abs=0.05)
+
+
+def test_what_is_set_down_and_let_go_is_not_pushed_in() -> None:
+    made = plugged(0.008, 5.3)
+    assert kinds(made) == ["transport", "gripper_move"]
+    assert made[1].force_taught == pytest.approx((0.0, 0.0, -20.0))

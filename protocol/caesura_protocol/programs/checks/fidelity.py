@@ -90,7 +90,8 @@ def fidelity_findings(
         else:
             missed = _seam(pose, app, EDITED_APART if part == taught_in else TAUGHT_APART)
         pauses = _pause_before(apps[index - 1], app, safety) if index else ()
-        carried = apps[index - 1] if index and APP_KINDS[apps[index - 1].kind].carries else None
+        before = apps[index - 1] if index else None
+        carried = before if before is not None and APP_KINDS[before.kind].carries else None
         reasons = [
             *_edited(app),
             *_path_deviation(app),
@@ -99,7 +100,7 @@ def fidelity_findings(
             *_small_load(app, carried),
             *_changed_load(app, carried),
             *_lost_motion(app),
-            *_lost_press(app, carried, up),
+            *_lost_press(app, before, up),
             *_force_limits(app),
         ]
         if quality is not None:
@@ -348,18 +349,21 @@ def _lost_motion(app: App) -> Iterator[Reason]:
         yield f"{when} the flange {' and '.join(parts)} as the fingers acted: the robot stops", speed, None
 
 
-def _lost_press(app: App, carried: App | None, up: Vector) -> Iterator[Reason]:
+def _lost_press(app: App, before: App | None, up: Vector) -> Iterator[Reason]:
     """Yield a finding on a press of an app that exerts no force.
 
     An object that is set down rests on its surface with its weight, once the fingers have let it go: that
-    force is no press. carried: the app before, if it carries.
+    force is no press. Nor is that of the press before it, if it goes on. before: the app before it.
     """
     if app.force is not None or app.force_taught is None:
         return
     newtons = float(np.linalg.norm(app.force_taught))
-    if carried is not None and carried.load_kg is not None and app.kind == "gripper_move":
-        pressed = np.add(app.force_taught, GRAVITY * carried.load_kg * np.array(up))
-        if np.linalg.norm(pressed) < LEAST_PRESS_N + SURE_SDS * GRAVITY * (carried.load_sd_kg or 0.0):
+    if before is not None and APP_KINDS[before.kind].presses and before.force is not None:
+        if newtons <= (1.0 + UNEVEN_SHARE) * math.hypot(*before.force):
+            return
+    elif before is not None and before.load_kg is not None and app.kind == "gripper_move":
+        pressed = np.add(app.force_taught, GRAVITY * before.load_kg * np.array(up))
+        if np.linalg.norm(pressed) < LEAST_PRESS_N + SURE_SDS * GRAVITY * (before.load_sd_kg or 0.0):
             return
     if is_resisted(app):
         yield (

@@ -210,8 +210,8 @@ def _touches(segments: Sequence[Segment], apps: Sequence[App], up: Vector) -> It
     """Yield contacts in no app.
 
     Those that continue an app in contact or lie in one are left out, and so are bounces before it, unless
-    they are stronger. The weight of what was grasped and is carried directly before or after is left out,
-    too.
+    they are stronger. The weight of what was grasped and is carried meanwhile, directly before or after is
+    left out, too.
     """
     segments = tuple(segments)  # stored ones are decoded once
     pressed = [_pressed_n(app, segments) for app in apps]
@@ -220,7 +220,7 @@ def _touches(segments: Sequence[Segment], apps: Sequence[App], up: Vector) -> It
         inside |= {index: max(newton, inside.get(index, 0.0)) for index in app.segments}
     touching = [app for app in apps if APP_KINDS[app.kind].in_contact or is_resisted(app)]
     in_contact = {index for app in touching for index in app.segments}
-    weights = _weights(apps)
+    weights, carries = _weights(apps), [app for app in apps if APP_KINDS[app.kind].carries]
     met = [
         (one.t0, two.t0, newton)
         for (one, two), newton in zip(pairwise(apps), pressed[1:], strict=True)
@@ -237,7 +237,9 @@ def _touches(segments: Sequence[Segment], apps: Sequence[App], up: Vector) -> It
             beside = [inside[index] for index in {place - 1, end} & in_contact]
             beside += [inside[index] for index, _ in numbered if index in inside]
             beside += [newton for begins, ends, newton in met if begins < t0 and tn <= ends]
-            weight_n = max(weights.get(place - 1, 0.0), weights.get(end, 0.0))
+            carried = (app for app in carries if app.t0 <= t0 and tn <= app.tn)
+            around = {place - 1, end, *(index for app in carried for index in app.segments)}
+            weight_n = max(weights.get(index, 0.0) for index in around)
             if _is_other(_newtons(steps), max(beside, default=0.0)) and not _is_weight(steps, weight_n, up):
                 lost.append(steps)
         place = end

@@ -107,11 +107,14 @@ def _air(block: Block, times: Array, forces: Array) -> Array:
 
 
 def _touches(times: Array, apart: Array) -> Iterator[_Touch]:
-    """Yield the forces that differ by `TARED_BIAS_N` from the air; apart: (n, 3) [N] the differences."""
-    far = np.linalg.norm(apart, axis=1) >= TARED_BIAS_N
+    """Yield the forces that differ by `TARED_BIAS_N` from the air; apart: (n, 3) [N] the differences.
+
+    A force may turn, as that on a crank does. So its size is the mean of the sizes.
+    """
+    newtons = np.linalg.norm(apart, axis=1)
+    far = newtons >= TARED_BIAS_N
     breaks = (np.diff(far.astype(np.int8)) != 0) | (np.diff(times) > 1.5 * OBSERVED_S)
     edges = [0, *(np.flatnonzero(breaks) + 1).tolist(), len(times)]
     for low, high in pairwise(edges):
         if high - low >= LASTS and far[low]:
-            newton = float(np.linalg.norm(apart[low:high].mean(axis=0)))
-            yield _Touch(float(times[low]), float(times[high - 1]), newton)
+            yield _Touch(float(times[low]), float(times[high - 1]), float(newtons[low:high].mean()))

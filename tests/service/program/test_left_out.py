@@ -123,6 +123,24 @@ def test_the_weight_of_what_is_lifted_is_no_contact_that_is_lost(force, grips, i
     assert ("a contact of" in (found or "")) == is_named
 
 
+@pytest.mark.parametrize(("newton", "is_named"), [(8.0, False), (20.0, True)])
+def test_the_weight_of_what_is_shaken_is_no_contact_that_is_lost(newton: float, is_named: bool) -> None:
+    """A bottle of 8 N was shaken: short contacts with its weight, amid its hold, had to be taught again."""
+    force = (0.0, 0.0, -newton)
+    segments = (
+        segment("hold", 0.0, 2.0, load_kg=0.8, load_sd_kg=0.02),
+        segment("transport", 2.0, 2.1, load_kg=0.8, load_sd_kg=0.02),
+        segment("contact", 2.1, 2.3, force_start=force, force_end=force, force_held=force),
+        segment("transport", 2.3, 2.4, load_kg=0.8, load_sd_kg=0.02),
+        segment("hold", 2.4, 4.0, load_kg=0.8, load_sd_kg=0.02),
+    )
+    (carried,) = (one for one in program(*segments, grips=(GRASP,)) if one.kind == "hold")
+    carried = carried.model_copy(update={"t0": 0.0, "tn": 4.0, "segments": (0, 4)})
+    grasp = app("grasp", 0.0, 0.0, (0.0, 0.0, 0.0), gripper_width=0.05)
+    found = left_out_note(segments, (grasp, carried), moment_at)
+    assert ("a contact of" in (found or "")) == is_named
+
+
 # --- detours ------------------------------------------------------------------------------------------------
 
 A, B, C = (0.4, 0.0, 0.3), (0.4, 0.1, 0.3), (0.4, 0.2, 0.3)

@@ -58,6 +58,17 @@ def test_a_force_in_an_app_that_states_it_is_not_named(kind: str) -> None:
     assert note(felt((9.0, 3.8, 5.2)), (WAY[0], there, WAY[1])) is None
 
 
+def test_a_force_that_turns_has_its_size() -> None:
+    """A crank was turned twice by a finger, against 6 N: its mean over two turns was 0.1 N."""
+
+    def cranked(t: float) -> Moment:
+        newton = 6.0 if 2.0 <= t < 4.0 else 0.0
+        turned = np.pi * t
+        return replace(moment_at(t), force=(newton * np.cos(turned), newton * np.sin(turned), 0.0))
+
+    assert "6.0 N at 2.0–4.0 s" in (note(cranked) or "")
+
+
 def test_of_many_the_strongest_are_named() -> None:
     touches = [(3.0 + 0.5 * k, 2.5 * k + 1.0, 2.5 * k + 1.6) for k in range(7)]
     found = missed_touches_note(WAY, felt(*touches), 0.0, 19.9)

@@ -19,6 +19,7 @@ from caesura_lab.execution.simulated_arm import ArmMeasurement, Setpoint, Simula
 from caesura_lab.execution.trajectories import ASTRAY_M, app_path, approach_direction, arrival_speed
 from caesura_lab.teacher.hand_motion_plan import DT
 from caesura_lab.teacher.motion_profiles import Array
+from caesura_protocol.app_force_limit import LEAST_PRESS_N
 from caesura_protocol.app_kinds import APP_KINDS, AppKind
 from caesura_protocol.messages import App, ScrewMotion, ViaPoint
 from caesura_protocol.programs.app_time_shifts import goes_on, rest_newtons, rests_of
@@ -26,12 +27,12 @@ from caesura_protocol.programs.safety import Safety
 from caesura_protocol.reproduced_path import Curve
 from caesura_protocol.rotations import cross, matrix_of, quaternion_of, turning_of
 from caesura_protocol.screw_torque_and_text import stop_torque_nm
+from caesura_service.constants import GRAVITY
 
 RISE_S, RELEASE_S = 0.15, 0.15  # longest time in which a force is built up; in which it is let go
 FORCE_GAIN_PER_S, FORCE_CORRECTION_N = 40.0, 8.0
 FORCE_GAIN_NS_PER_M = 200.0  # largest gain times mass: half of the damping of a press on a stiff surface
 BOUNCING_M_PER_S = 0.003  # at the bottom it is no rest, whose force could be corrected, from that speed on
-STANDING_N = 10.0  # with which it stands while the fingers move
 SLIDE_M = 0.015  # a target of Apply Force this far aside is slid to
 SQUEEZE_M = 0.01  # by which fingers aim to close further than what they grip is wide
 SETTLE_S, FINGER_POLL_S = 0.4, 0.1  # before and after the fingers move; between two polls of them
@@ -105,25 +106,38 @@ class SkillController:
         force_n = rest_newtons(following)[0] if following is not None and rises else None
         self.hold_position(max(seconds - self._settled_s - RELEASE_S * leaves, 0.0), force_n)
 
-    def send_fingers(self, width_m: float, place: ViaPoint | None = None) -> None:
+    def send_fingers(self, width_m: float, app: App) -> None:
         """Hold still, move the fingers to a width [m] or onto an object, and wait until the arm settles.
 
-        place: where they move; in contact the tool slides there first.
+        app: has the place and the force; in contact the tool slides there first, and presses.
         """
-        world, safety = self.arm.world, self.safety
+        world, safety, place = self.arm.world, self.safety, _place_of(app)
+        carried_kg, newton = self.arm.load_kg, self._standing_force(app)
         if place is None or self.contact_direction is None:
-            self.hold_position(SETTLE_S, STANDING_N)
+            self.hold_position(SETTLE_S, newton)
         else:
             way_s = math.dist(place.position, self.setpoint.position) / safety.contact_speed_m_per_s
-            self.rest_until(place, min(STANDING_N, safety.most_force_n), max(way_s, SETTLE_S))
+            self.rest_until(place, newton, max(way_s, SETTLE_S))
         world.send_fingers(width_m, safety.gripper_m_per_s)
         for _ in range(round(safety.gripper_width_m / safety.gripper_m_per_s / FINGER_POLL_S)):
-            self.hold_position(FINGER_POLL_S, STANDING_N)
+            self.hold_position(FINGER_POLL_S, newton)
             if not world.held_kg:
                 self.arm.load_kg, self._free_force = 0.0, np.zeros(3)
+                newton = self._standing_force(app, carried_kg)
             if world.fingers_still:
                 break
-        self.hold_position(SETTLE_S, STANDING_N)
+        self.hold_position(SETTLE_S, newton)
+
+    def _standing_force(self, app: App, released_kg: float = 0.0) -> float:
+        """Return the force [N] of a contact while fingers move: the taught one, or else the present one.
+
+        The taught one includes the weight that was carried; released_kg: how much of it no longer is.
+        """
+        newton = self._pressed_n
+        if app.force_taught is not None and self.contact_direction is not None:
+            pressed = np.add(app.force_taught, (0.0, 0.0, GRAVITY * released_kg))
+            newton = max(float(self.contact_direction @ pressed), LEAST_PRESS_N)
+        return min(newton, self.safety.most_force_n)
 
     def tick(self, setpoint: Setpoint) -> ArmMeasurement:
         """Simulate one tick and check its measurement. Raises RobotStopped where a limit is reached."""
@@ -411,14 +425,14 @@ def _apply_force(controller: SkillController, app: App, following: App | None) -
 
 def _grasp(controller: SkillController, app: App, following: App | None) -> None:
     world = controller.arm.world
-    controller.send_fingers(max((app.gripper_width or 0.0) - SQUEEZE_M, 0.0), _place_of(app))
+    controller.send_fingers(max((app.gripper_width or 0.0) - SQUEEZE_M, 0.0), app)
     if not world.held_kg:
         raise RobotStopped(f"nothing between the fingers, which stand at {1000 * world.width_m:.0f} mm")
 
 
 def _move_fingers(controller: SkillController, app: App, following: App | None) -> None:
     width = controller.safety.gripper_width_m if app.gripper_width is None else app.gripper_width
-    controller.send_fingers(width, _place_of(app))
+    controller.send_fingers(width, app)
 
 
 def _place_of(app: App) -> ViaPoint | None:

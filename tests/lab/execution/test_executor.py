@@ -23,6 +23,7 @@ from caesura_protocol.messages import App, AppPath, RestForce, ScrewMotion, ViaP
 from caesura_protocol.programs.checks.findings import RefusedError
 from caesura_protocol.programs.safety import DEFAULT, Safety
 from caesura_protocol.screw_torque_and_text import torque_about_axis
+from caesura_service.constants import GRAVITY
 from caesura_service.offline_segmentation import segment_recording
 from caesura_service.robot import Robot, load_panda
 from harness.once import once_a_version
@@ -279,6 +280,19 @@ def test_fingers_move_where_they_were_taught_to_though_it_was_touched_elsewhere(
     closed = int(np.flatnonzero(np.diff(done.trace.width) < 0.0)[0])
     place = robot.flange_poses(done.trace.q[closed : closed + 1])[0][0]
     assert place == pytest.approx(grasp.target, abs=2e-3)
+
+
+@pytest.mark.parametrize("taught_n", [5.0, 16.0])
+def test_fingers_open_with_the_force_that_was_taught(taught_n: float, robot: Robot) -> None:
+    """Every contact had 10 N while the fingers moved. Before they open, a weight is part of the force."""
+    *rest, release, away = pick_and_place()
+    gently = release.model_copy(update={"force_taught": (0.0, 0.0, -taught_n)})
+    done = executed((*rest, gently, away), PICKING)
+    begun, ended = (round(1000 * t) for t in done.spans[len(rest)])
+    opened = begun + int(np.argmax(done.trace.width[begun:ended] > 0.0501))
+    normal, weight_n = done.trace.contact[:, 2], GRAVITY * THESIS.load_kg
+    assert np.median(normal[opened - 200 : opened]) == pytest.approx(taught_n, rel=0.05)
+    assert np.median(normal[ended - 200 : ended]) == pytest.approx(taught_n - weight_n, rel=0.05)
 
 
 def test_a_push_across_its_contact_towards_a_deeper_target_has_no_force_into_it(robot: Robot) -> None:

@@ -284,7 +284,7 @@ def _slides(group: AppGroup) -> Iterable[App]:
             "impact_n": impact(whole, most),
         }
         changes = _forces(force, group.force_limit_n) | rests | others
-        yield group.moving("apply_force", step, changes=changes, begun=begun)
+        yield group.moving("apply_force", step, group.ended(step), changes=changes, begun=begun)
 
 
 def _rests_felt(

@@ -12,7 +12,7 @@ from caesura_protocol.app_kinds import AppKind
 from caesura_protocol.messages import App, Contact, Segment, Vector
 from caesura_protocol.screw_torque_and_text import exerted
 from caesura_service.program.contacts import pushes_back
-from caesura_service.program.joined_strokes import only_touches, stands
+from caesura_service.program.joined_strokes import has_own_force, only_touches, stands
 from caesura_service.program.paths import Paths
 from caesura_service.program.program_segment import (
     GRIP_SLACK_S,
@@ -180,6 +180,16 @@ class AppGroup:
             return None
         t = self.touched(first).t
         return t if t < first.segment.tn - OBSERVED_S else None
+
+    def ended(self, stroke: ProgramSegment) -> AppEnd | None:
+        """Return the end of a stroke's path in a rest without a force of its own; None without such a rest.
+
+        The tool may still move in it.
+        """
+        if not stroke.rests_after or has_own_force(stroke.rests_after):
+            return None
+        last = stroke.rests_after[-1].segment
+        return AppEnd(last.tn, pose_fields(self.moment_at(last.tn)) | {"target": last.position_end})
 
     def pressed(self, hardest: ProgramSegment) -> AppEnd | None:
         """Return the last time and pose with a force of `STILL_PRESSED` of the press; None without one.

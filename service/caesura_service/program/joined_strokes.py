@@ -1,7 +1,7 @@
 """The parts of a stroke, and the force with which it is pressed.
 
-- A rest at either end of a stroke or of a turn in contact is part of it. It has a force of its own if it
-  lasts for half a second. A rest with another force before or after it is a press of its own.
+- A rest at either end of a stroke or of a turn in contact is part of it, however short. It has a force of its
+  own if it lasts for half a second. A rest with another force before or after it is a press of its own.
 - A short slide or a tilt beside a stroke is an end of it, if it has the stroke's force.
 - The last centimetres before a contact are the end of the movement into it, the last one before a rest too.
 - A turn in contact that continues about its axis without a stop is one turn.
@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, MutableMapping, Sequence
 from dataclasses import replace
 from itertools import dropwhile, groupby, pairwise, takewhile, zip_longest
 from typing import NamedTuple
@@ -150,6 +150,38 @@ def with_rests(steps: Sequence[ProgramSegment], context: Context) -> list[Progra
     return joined
 
 
+def with_short_rests(
+    steps: Sequence[ProgramSegment], context: Context, short: MutableMapping[int, tuple[ProgramSegment, ...]]
+) -> list[ProgramSegment]:
+    """Return the steps, each stroke with the rests beside it that are below the minimum time.
+
+    One between two strokes ends the first. short: by index, the possible interpretations of a short step;
+    those that belong to a stroke are removed.
+    """
+    joined: list[ProgramSegment] = []
+    for step in steps:
+        first, last = step.parts[0].index, step.parts[-1].index
+        before, after = (_short_rests(step, short, index, context) for index in (first - 1, last + 1))
+        joined.append(
+            replace(step, rests_before=before + step.rests_before, rests_after=step.rests_after + after)
+        )
+    return joined
+
+
+def _short_rests(
+    stroke: ProgramSegment,
+    short: MutableMapping[int, tuple[ProgramSegment, ...]],
+    index: int,
+    context: Context,
+) -> tuple[ProgramSegment, ...]:
+    """Remove the short step of an index from `short`, and return it, where it is a rest of a stroke."""
+    rests = tuple(replace(one, base=stroke.base) for one in short.get(index, ())[:1])
+    if not rests or not _rests(rests[0], context) or not _belong(rests, stroke, context.moment_at):
+        return ()
+    del short[index]
+    return rests
+
+
 def stroke_force(stroke: ProgramSegment, moment_at: MomentAt) -> Vector | None:
     """Return the median force (3,) [N] with which a stroke is pressed; None where nothing pushes back.
 
@@ -161,12 +193,17 @@ def stroke_force(stroke: ProgramSegment, moment_at: MomentAt) -> Vector | None:
 
 
 def rest_force_n(rests: Sequence[ProgramSegment], moment_at: MomentAt) -> float | None:
-    """Return the median force [N] with which rests are pressed; None for less than `STROKE_REST_S`.
+    """Return the median force [N] with which rests are pressed; None unless they have a force of their own.
 
-    In a shorter time the force still rises. It is one median over all rests, so it does not depend on how
-    they are divided. If that force pushes back, the time before the touch is left out.
+    It is one median over all rests, so it does not depend on how they are divided. If that force pushes back,
+    the time before the touch is left out.
     """
     return _rest_force_n(rests, _felt(rests, moment_at))
+
+
+def has_own_force(rests: Sequence[ProgramSegment]) -> bool:
+    """Return whether rests last for `STROKE_REST_S`: in a shorter time the force still rises."""
+    return bool(rests) and rests[-1].segment.tn - rests[0].segment.t0 >= STROKE_REST_S - ROUNDED_S
 
 
 def stands(step: ProgramSegment) -> bool:
@@ -257,7 +294,7 @@ def _median(
 
 def _rest_force_n(rests: Sequence[ProgramSegment], felt: _Felt) -> float | None:
     """Return `rest_force_n` of rests, computed from their forces `felt`."""
-    if not rests or rests[-1].segment.tn - rests[0].segment.t0 < STROKE_REST_S - ROUNDED_S:
+    if not has_own_force(rests):
         return None
     _, force = _median(felt, least_n=0.0)
     if force is not None and length(force) >= PUSHES_BACK_N:

@@ -35,6 +35,7 @@ from caesura_service.program.joined_strokes import (
     with_ends,
     with_last_ways,
     with_rests,
+    with_short_rests,
     with_whole_turns,
 )
 from caesura_service.program.program_segment import (
@@ -94,6 +95,7 @@ def kept_steps(
         with_whole_turns,
         with_ends,
         with_rests,
+        partial(with_short_rests, short=short),
         with_resisted_movements,
     )
     for stage in stages:

@@ -13,6 +13,8 @@ from caesura_protocol.messages import ScrewMotion
 from caesura_service.program import Moment, Paths, ProgramSegment, task_program
 from service.program.segments import ACROSS, OFF, UPRIGHT, drifted, held, program, segment, turned
 
+STILL = {"position_start": (0.1, 0.0, 0.2), "position_end": (0.1, 0.0, 0.2)}  # at the end of `ACROSS`
+
 
 @pytest.mark.parametrize(
     ("axis", "strokes"),
@@ -25,7 +27,7 @@ def test_a_tilt_in_contact_is_the_end_of_the_stroke_before_it_and_a_turn_about_t
     made = program(
         segment("motion", 0.0, 2.0),
         segment("sliding", 2.0, 4.0, **held(9.0), **ACROSS),
-        segment("contact", 4.0, 4.3, **held(9.0)),
+        segment("contact", 4.0, 4.3, **held(9.0), **STILL),
         turned(axis, 4.3, 5.0),
         segment("motion", 5.0, 7.0, **OFF),
         at=lambda t: replace(drifted(t, pushed_n=9.0 if 2.0 < t < 5.0 else 0.0), orientation=UPRIGHT),

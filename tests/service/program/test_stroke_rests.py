@@ -94,6 +94,43 @@ def test_a_rest_at_the_end_of_a_stroke_is_its_end_and_has_a_force_of_its_own_whe
     assert forces_of(made[1]) == pytest.approx([9.0, push_n] if lasts else [9.0])
 
 
+@pytest.mark.parametrize(("begins_s", "ends_s"), [(0.1, 0.2), (0.2, 0.1)])
+def test_a_rest_beside_a_stroke_is_part_of_it_though_it_is_shorter_than_a_segment(
+    begins_s: float, ends_s: float
+) -> None:
+    """It was left out: a robot let go of the surface that much too early, and before the end of the way."""
+    begin, end = 2.2 - begins_s, 4.0 + ends_s
+    crept = {"position_start": (0.1, 0.0, 0.2), "position_end": (0.103, 0.0, 0.2)}
+    made = program(
+        segment("motion", 0.0, begin),
+        segment("contact", begin, 2.2, **held(9.0)),
+        segment("sliding", 2.2, 4.0, **held(9.0), **ACROSS),
+        segment("contact", 4.0, end, **held(7.0), **crept),
+        segment("motion", end, 7.0, **OFF),
+        at=lambda t: drifted(t, pushed_n=0.0 if not begin < t < end else 9.0 if t < 4.0 else 7.0),
+    )
+    assert kinds(made) == ["move_to_contact", "apply_force", "cartesian_motion"]
+    assert (made[1].t0, made[1].tn, made[1].target) == (begin, end, (0.103, 0.0, 0.2))
+    assert forces_of(made[1]) == pytest.approx([9.0])
+
+
+@pytest.mark.parametrize(("seconds", "is_path"), [(0.4, True), (0.6, False)])
+def test_a_rest_after_a_stroke_is_the_end_of_its_path_unless_it_has_a_force_of_its_own(
+    seconds: float, is_path: bool
+) -> None:
+    until = 4.0 + seconds
+    crept = {"position_start": (0.1, 0.0, 0.2), "position_end": (0.103, 0.0, 0.2)}
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("sliding", 2.0, 4.0, **held(9.0), **ACROSS),
+        segment("contact", 4.0, until, **held(9.0), **crept),
+        segment("motion", until, 7.0, **OFF),
+        at=lambda t: drifted(t, pushed_n=9.0 if 2.0 < t < until else 0.0),
+    )
+    assert made[1].tn == until
+    assert made[1].target == ((0.103, 0.0, 0.2) if is_path else (0.1, 0.0, 0.2))
+
+
 @pytest.mark.parametrize("parts", [(2.0, 3.6), (2.0, 2.3, 3.0, 3.6)])
 def test_the_force_of_a_rest_is_the_same_however_it_is_divided(parts: tuple[float, ...]) -> None:
     rests = [segment("contact", t0, tn, **held(9.0)) for t0, tn in pairwise(parts)]

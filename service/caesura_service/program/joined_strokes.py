@@ -174,8 +174,13 @@ def _short_rests(
     index: int,
     context: Context,
 ) -> tuple[ProgramSegment, ...]:
-    """Remove the short step of an index from `short`, and return it, where it is a rest of a stroke."""
-    rests = tuple(replace(one, base=stroke.base) for one in short.get(index, ())[:1])
+    """Remove the short step of an index from `short`, and return it, where it is a rest of a stroke.
+
+    It is too short for a confidence of its own.
+    """
+    rests = tuple(
+        replace(one, base=stroke.base, confidence=stroke.confidence) for one in short.get(index, ())[:1]
+    )
     if not rests or not _rests(rests[0], context) or not _belong(rests, stroke, context.moment_at):
         return ()
     del short[index]

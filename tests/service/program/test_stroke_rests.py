@@ -105,12 +105,13 @@ def test_a_rest_beside_a_stroke_is_part_of_it_though_it_is_shorter_than_a_segmen
         segment("motion", 0.0, begin),
         segment("contact", begin, 2.2, **held(9.0)),
         segment("sliding", 2.2, 4.0, **held(9.0), **ACROSS),
-        segment("contact", 4.0, end, **held(7.0), **crept),
+        segment("contact", 4.0, end, **held(7.0), **crept, probability=0.4),
         segment("motion", end, 7.0, **OFF),
         at=lambda t: drifted(t, pushed_n=0.0 if not begin < t < end else 9.0 if t < 4.0 else 7.0),
     )
     assert kinds(made) == ["move_to_contact", "apply_force", "cartesian_motion"]
     assert (made[1].t0, made[1].tn, made[1].target) == (begin, end, (0.103, 0.0, 0.2))
+    assert made[1].confidence == 0.9
     assert forces_of(made[1]) == pytest.approx([9.0])
 
 

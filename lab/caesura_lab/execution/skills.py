@@ -15,7 +15,12 @@ from typing import TypeGuard
 import numpy as np
 
 from caesura_lab.execution.safety_monitor import RobotStopped, SafetyMonitor
-from caesura_lab.execution.simulated_arm import ArmMeasurement, Setpoint, SimulatedArm
+from caesura_lab.execution.simulated_arm import (
+    PRESS_DAMPING_NS_PER_M,
+    ArmMeasurement,
+    Setpoint,
+    SimulatedArm,
+)
 from caesura_lab.execution.trajectories import ASTRAY_M, app_path, approach_direction, arrival_speed
 from caesura_lab.teacher.hand_motion_plan import DT
 from caesura_lab.teacher.motion_profiles import Array
@@ -218,7 +223,7 @@ class SkillController:
         still = self.setpoint.still
         torque_stop = TorqueStop(screw)
         gain_per_s = min(FORCE_GAIN_PER_S, FORCE_GAIN_NS_PER_M / self.arm.mass_along(along))
-        ticks, k, waited = round(seconds / DT), 0, 0
+        ticks, k, waited, slowest = round(seconds / DT), 0, 0, 0.0
         while k - waited < ticks:
             k += 1
             left_m = max((depth_m or 0.0) - sunk, 0.0)
@@ -239,7 +244,12 @@ class SkillController:
                 break
             self._pressed_n = want
             bounces = depth_m is not None and not sinks and abs(speed) > BOUNCING_M_PER_S
-            wrong = 0.0 if slowed_n or bounces else want - resists
+            wrong, before = want - resists, slowest
+            slowest = max(speed, 0.0)
+            if slowed_n or bounces:
+                # What was added against the damping of its motion goes with that motion.
+                wrong, slowest = 0.0, min(before, slowest)
+                self._correction_n -= PRESS_DAMPING_NS_PER_M * (before - slowest)
             if sinks and resists < RESISTS_SHARE * want:
                 wrong = -self._correction_n  # what was added to press on something else
             corrected = self._correction_n + gain_per_s * DT * wrong

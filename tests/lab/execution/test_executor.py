@@ -270,6 +270,18 @@ def test_what_sinks_under_its_resistance_is_pressed_with_the_force_that_was_aske
     assert np.median(sinking) == pytest.approx(18.0, abs=1.5)
 
 
+def test_the_bottom_of_a_hole_is_met_without_what_overcame_the_damping_on_the_way(robot: Robot) -> None:
+    """It was pressed with that force beside the impact: a run on an iiwa14 was stopped there."""
+    scenario = SCENARIOS["peg"]
+    hole = replace(scenario, start=(*HOLE_PLACE[:2], HOLE_PLACE[2] + 1e-3))
+    arm = SimulatedArm(robot, CellSimulation(hole, 0.25))
+    controller = SkillController(arm, DEFAULT)
+    controller.contact_direction = np.array([0.0, 0.0, -1.0])
+    controller.press(8.0, 0.5)
+    controller.press(20.0, 1.5, depth_m=HOLE_FLOOR_M)
+    assert arm.trace().contact[:, 2].max() < 24.5
+
+
 def test_fingers_move_where_they_were_taught_to_though_it_was_touched_elsewhere(robot: Robot) -> None:
     """A hand slid on by 12 mm between touch and grasp: the fingers closed at the touch."""
     aside = (-0.014, -0.661, 0.107)

@@ -193,7 +193,7 @@ class SkillController:
                 self._settle_on_contact(approach)
                 return
             if weighs_from < k <= weighed:
-                self._free_force = self._free_force + measured.force / (weighed - weighs_from)
+                self._free_force = self._free_force + self._weighed(measured) / (weighed - weighs_from)
         if approach is not None:
             raise RobotStopped(f"no contact within {1000 * self.safety.search_m:.0f} mm past its target")
 
@@ -323,12 +323,16 @@ class SkillController:
             setpoint.turning, setpoint.angular_acceleration = turning
         return setpoint
 
+    def _weighed(self, measured: ArmMeasurement) -> Array:
+        """Return the measured force (3,) [N] without the inertia of the stated load: that is no weight."""
+        return np.asarray(measured.force + self.arm.load_kg * self.setpoint.acceleration)
+
     def _check_load(self, measured: ArmMeasurement) -> None:
         """Check the carried weight against the load of the program.
 
         Raises RobotStopped for a difference, because it would appear as a contact.
         """
-        wrong = float(measured.force[2])
+        wrong = float(self._weighed(measured)[2])
         if abs(wrong) > LOAD_ERROR_LIMIT_N:
             how = "lighter" if wrong > 0.0 else "heavier"
             load = f"{self.arm.load_kg:.2f} kg of its load"

@@ -230,6 +230,22 @@ def test_a_press_with_a_load_has_its_force_though_the_load_was_taught_too_light_
     assert np.median(done.trace.contact[begun + 500 : ended - 200, 2]) == pytest.approx(9.0, abs=0.5)
 
 
+def test_a_press_after_a_fast_carry_over_an_arch_has_its_force(robot: Robot) -> None:
+    """At the top of the arch the load pulls less, and the press after it was 1.1 N too hard."""
+    touch, grasp, _, carry, release, away = pick_and_place()
+    assert grasp.target is not None
+    assert carry.target is not None
+    top = (-0.018, -0.574, 0.207)
+    via = (ViaPoint(t=4.55, position=top, orientation=DOWN, velocity=(0.0, 0.36, 0.0)),)
+    path = path_from(grasp.target, 4.0, 5.1, 0.29, via=via)
+    over = carry.model_copy(update={"t0": 4.0, "tn": 5.1, "path": path, "load_kg": 1.0, "orientation": DOWN})
+    pressing = app("apply_force", 5.1, 7.1, carry.target, force=(0.0, 0.0, -14.0))
+    done = executed((touch, grasp, over, pressing, release, away), replace(PICKING, load_kg=1.0))
+    assert done.stopped is None
+    begun, ended = (round(1000 * t) for t in done.spans[3])
+    assert np.median(done.trace.contact[begun + 500 : ended - 200, 2]) == pytest.approx(14.0, abs=0.3)
+
+
 def test_a_run_begins_where_the_first_path_was_taught_to_begin(robot: Robot) -> None:
     """A hand had drifted by 5.6 mm before it moved, and the run was off its path by as much."""
     start = tuple(np.add(PRESSING.scenario.start, (0.004, 0.003, 0.0)).tolist())

@@ -5,6 +5,9 @@ has a force within 15 % of the one that the program asks for, as measured and se
 was run lies within 5 mm and 2° of the demonstrated one. Paths are compared app by app, as both were measured,
 from every place of the demonstration to the nearest of the run, and back. One movement that the two programs
 divide otherwise is the same if the motion is (`divided_movements`).
+
+Beside the measured forces it states the forces on the simulated surfaces. Where only a measured one is off,
+the error is that of the run's sensor.
 """
 
 from __future__ import annotations
@@ -12,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -29,9 +33,10 @@ from caesura_lab.evaluation.divided_movements import (
 )
 from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
 from caesura_lab.path_distance import furthest
+from caesura_lab.teacher.hand_motion_plan import TICKS_PER_S
 from caesura_protocol.app_kinds import APP_KINDS, app_name, app_number, app_title
 from caesura_protocol.messages import App, Vector
-from caesura_protocol.programs.app_time_shifts import rests_of, run_times
+from caesura_protocol.programs.app_time_shifts import rest_newtons, rests_of, run_times
 from caesura_protocol.programs.document import document_of_apps
 from caesura_protocol.programs.document_timing import RunSpeed
 from caesura_protocol.programs.safety import CellSettings, Safety
@@ -70,8 +75,8 @@ class RoundTripResult:
 
     taught, executed: kinds of the apps; target_m: app by app, or movement by movement where one is divided
     otherwise; force: errors of presses, relative; path_m, path_rad: largest distance and angle between the
-    demonstrated path and the one that was run, app by app that moves; why: the reason of a failure, None for
-    a success.
+    demonstrated path and the one that was run, app by app that moves; exerted: errors of the forces on the
+    simulated surfaces, relative; why: the reason of a failure, None for a success.
     """
 
     case: RoundTripCase
@@ -82,6 +87,7 @@ class RoundTripResult:
     why: str | None
     path_m: tuple[float, ...] = ()
     path_rad: tuple[float, ...] = ()
+    exerted: tuple[float, ...] = ()
 
 
 def run_round_trip(case: RoundTripCase) -> RoundTripResult:
@@ -126,7 +132,29 @@ def run_round_trip(case: RoundTripCase) -> RoundTripResult:
         if app.path is not None
     ]
     path_m, path_rad = tuple(one[0] for one in off), tuple(one[1] for one in off)
-    return replace(result, path_m=path_m, path_rad=path_rad, why=result.why or _path_error(path_m, path_rad))
+    exerted = tuple(exerted_errors(run_apps, done.spans, done.trace.contact))
+    reason = result.why or _path_error(path_m, path_rad)
+    return replace(result, path_m=path_m, path_rad=path_rad, exerted=exerted, why=reason)
+
+
+def exerted_errors(
+    apps: Sequence[App], spans: Sequence[tuple[float, float]], contact: Array
+) -> Iterator[float]:
+    """Yield the signed relative error of each force that a run exerted: in a rest, on a path, in a rest.
+
+    It is the median over the second half of that time, in which the force has risen. spans: begin and end [s]
+    of each app; contact: (n, 3) [N] at every tick.
+    """
+    for app, (begun, ended) in zip(apps, spans, strict=True):
+        if not APP_KINDS[app.kind].presses:
+            continue
+        (before_s, after_s), (before_n, after_n) = rests_of(app), rest_newtons(app)
+        times = (begun, begun + before_s, ended - after_s, ended)
+        for (t0, tn), asked_n in zip(pairwise(times), (before_n, _size(app.force), after_n), strict=True):
+            ticks = slice(round(TICKS_PER_S * 0.5 * (t0 + tn)), round(TICKS_PER_S * tn))
+            if ticks.start < ticks.stop:
+                newton = float(np.median(np.linalg.norm(contact[ticks], axis=1)))
+                yield newton / max(asked_n, REST_N) - 1.0
 
 
 def path_distance(one: AppPoses, other: AppPoses) -> tuple[float, float]:
@@ -285,6 +313,8 @@ def _grids(summary: Mapping[str, Sequence[RoundTripResult]]) -> list[Grid]:
         "worst",
         "force [%]",
         "worst",
+        "exerted [%]",
+        "worst",
         "path [mm]",
         "worst",
         "turn [°]",
@@ -306,6 +336,7 @@ def _row(name: str, results: Sequence[RoundTripResult]) -> tuple[str, ...]:
         str(same),
         *_spread([1000 * error for result in results for error in result.target_m]),
         *_spread([100 * abs(error) for result in results for error in result.force]),
+        *_spread([100 * abs(error) for result in results for error in result.exerted]),
         *_spread([1000 * off for result in results for off in result.path_m]),
         *_spread([math.degrees(off) for result in results for off in result.path_rad]),
     )

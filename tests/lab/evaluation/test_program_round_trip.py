@@ -15,6 +15,7 @@ from caesura_lab.evaluation.program_round_trip import (
     RoundTripCase,
     RoundTripResult,
     compare_programs,
+    exerted_errors,
     run_round_trip,
     summarise,
 )
@@ -71,6 +72,15 @@ def test_the_force_of_a_rest_is_compared_where_both_programs_state_it(
     assert compare_programs(CASE, apps, again).force == pytest.approx(forces)
 
 
+def test_the_exerted_force_is_compared_on_the_path_and_in_each_rest_beside_it() -> None:
+    """A program asks for 12 N, 10 N and 5 N; the run has 12 N all the time."""
+    touch, stroke = pressed_harder_before()
+    ended = 1.0 + stroke.tn - stroke.t0
+    contact = np.tile((0.0, 0.0, 12.0), (round(1000 * ended), 1))
+    errors = [*exerted_errors((touch, stroke), [(0.0, 1.0), (1.0, ended)], contact)]
+    assert errors == pytest.approx([0.0, 0.2, 1.4])
+
+
 def test_the_table_counts_what_holds_and_says_why_the_others_do_not() -> None:
     good = RoundTripResult(CASE, ("a",), ("a",), (0.001, 0.003), (0.02,), None)
     bad = RoundTripResult(RoundTripCase("dispenser", 2), ("a",), ("b",), (), (), "app 1 is b, taught was a")
@@ -86,6 +96,7 @@ def test_one_person_goes_round(speed: Any) -> None:
     trip = once_a_version(run_round_trip)(RoundTripCase("dispenser", 501, speed=speed))
     assert trip.why is None
     assert max(trip.target_m) < 0.01
+    assert max(map(abs, trip.exerted)) < 0.06
 
 
 @pytest.mark.parametrize("number", [2, 5, 9, 14, 18, 45])

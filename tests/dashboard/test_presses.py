@@ -317,3 +317,36 @@ def test_a_task_that_is_typed_for_the_next_demonstration_stays_at_stop(
     stops(page, bridge, "first")
     expect(page.locator("button.start")).to_be_enabled()
     expect(task).to_have_value("polish")
+
+
+def test_a_held_stop_ends_the_demonstration_on_which_it_was_pressed(page: Page, bridge: ScriptedBridge):
+    """It ended the one that had begun before the button was released."""
+    stop, why = page.locator("button.stop"), page.locator("#desk-why")
+    stop.hover(force=True)  # it is disabled
+    page.mouse.down()
+    start(page, bridge, "first")
+    page.mouse.up()
+    page.mouse.down()
+    bridge.states("ready")
+    expect(stop).to_be_disabled()
+    bridge.states("teaching", "second")
+    expect(stop).to_be_enabled()
+    page.mouse.up()
+    asked = bridge.asked(Stop)
+    assert asked.command.session == "first"
+    asked.done("first", "teaching")
+    expect(why).to_contain_text("first is over, and cell-1 teaches another demonstration: press Stop again")
+    stop.click()
+    stops(page, bridge, "second")
+
+
+def test_the_space_bar_stops_when_it_is_pressed(page: Page, bridge: ScriptedBridge):
+    """It stopped when it was released, and not at all where the button was disabled meanwhile."""
+    start(page, bridge, "first")
+    page.locator("button.stop").focus()
+    page.keyboard.down("Space")
+    stops(page, bridge, "first")
+    start(page, bridge, "second")
+    page.keyboard.up("Space")
+    page.locator("button.stop").press("Space")
+    stops(page, bridge, "second")

@@ -19,6 +19,7 @@ export default {
     station: "", state: "", session: "", canStart: false, canStop: false, seen: "", said: "", why: "", outcome: "", tasks: [], t: 0, offers: false,
     task: "", operator: localStorage.getItem(OPERATOR) || "", typed: false, message: "", failed: false,
     pressed: "", unanswered: [], refusedIn: "", // the last press, those without an answer, and the session of the refusal
+    held: null, // the session on which a pointer has pressed Stop, until it is released
   }),
   template: `
     <section class="desk" :class="'desk-' + shown" aria-label="Start and stop">
@@ -30,7 +31,8 @@ export default {
         <datalist id="desk-tasks"><option v-for="one in tasks" :key="one" :value="one"></option></datalist>
         <label>Operator <input class="operator" v-model="operator" maxlength="64" placeholder="optional" autocomplete="name"></label>
         <button class="start large" type="submit" :disabled="!canStart || unanswered.length > 0" aria-describedby="desk-why">Start</button>
-        <button class="stop large repeats" type="button" :disabled="!canStop || unanswered.includes('stop')" @click="stop" aria-describedby="desk-why">Stop</button>
+        <button class="stop large repeats" type="button" :disabled="!canStop || unanswered.includes('stop')" @pointerdown="held = session" @click="release"
+          @keydown.space.prevent="stop(session)" @keyup.space.prevent aria-describedby="desk-why">Stop</button>
       </form>
     </section>`,
   computed: {
@@ -86,8 +88,13 @@ export default {
       const description = { task: this.task.trim() || null, operator: this.operator.trim() || null };
       this.ask("Starting …", { type: "start", id: newId(), description });
     },
-    stop() { // also while the answer to a start has not come
-      if (this.canStop && !this.unanswered.includes("stop")) this.ask("Stopping …", { type: "stop", session: this.session });
+    release() { // of Stop: another session may have begun since it was pressed
+      const session = this.held ?? this.session;
+      this.held = null;
+      this.stop(session);
+    },
+    stop(session) { // also while the answer to a start has not come; "": it was pressed where nothing could be stopped
+      if (session && this.canStop && !this.unanswered.includes("stop")) this.ask("Stopping …", { type: "stop", session });
     },
     answered(type, message, failed) {
       this.unanswered = this.unanswered.filter((one) => one !== type);

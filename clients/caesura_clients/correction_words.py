@@ -10,6 +10,7 @@ from caesura_protocol.messages import (
     Ack,
     Action,
     AppOutline,
+    Change,
     Correction,
     EditEffect,
     Insert,
@@ -57,12 +58,22 @@ def in_words(action: Action, clock: SessionClock = NO_OFFSET) -> str:
 
 
 def described(correction: Correction, clock: SessionClock = NO_OFFSET) -> str:
-    """Return text on a correction, with its author.
+    """Return text on a correction, with its author and the times at which its changepoints lie.
 
-    >>> described(Correction(number=1, author="Maria", at=0.0, action=Move(t=4.2, to=4.55)))
-    'Maria moved the changepoint at 4.20 s to 4.55 s'
+    A correction that an older service has made states the times that were asked for.
+
+    >>> made = Correction(number=1, author="Maria", at=0.0, action=Move(t=4.2, to=4.5))
+    >>> described(made.model_copy(update={"meant": 4.25, "placed": 4.55}))
+    'Maria moved the changepoint at 4.25 s to 4.55 s'
     """
-    return f"{correction.author} {in_words(correction.action, clock)}"
+    return f"{correction.author} {in_words(_as_made(correction), clock)}"
+
+
+def _as_made(correction: Correction) -> Change:
+    """Return the action with the times of its changepoints, as far as the correction states them."""
+    action = correction.action
+    times = ("t", correction.meant), ("to" if isinstance(action, Move) else "t", correction.placed)
+    return action.model_copy(update={name: t for name, t in times if t is not None})
 
 
 def no_corrections(revision: int) -> str:

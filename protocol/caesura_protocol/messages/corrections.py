@@ -186,5 +186,7 @@ class Correction(Message):
     author: Author
     at: Seconds  # [s] time of day (UTC)
     action: Annotated[Change, Field(discriminator="do"), ShortTag]
+    meant: Seconds | None = None  # [s] where the changepoint was that it removed or moved
+    placed: Seconds | None = None  # [s] where the changepoint is that it inserted or moved; None: yet to come
     state: EditState = "applied"
     reason: str | None = None  # why it is not applied

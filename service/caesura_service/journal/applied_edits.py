@@ -23,6 +23,8 @@ class Resolution(Message):
     label: tuple[int, str] | None = None
     force: tuple[float, float | None] | None = None  # [s], [N]
     name: tuple[float, str] | None = None  # [s], of a phase
+    meant: float | None = None  # [s], as `Correction` states it
+    placed: float | None = None  # [s]
 
 
 class AppliedEdit(Edit):

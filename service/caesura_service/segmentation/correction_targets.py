@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Callable, Container, Sequence
 from itertools import pairwise
 
 from caesura_service.cooperative_scheduler import give_way
@@ -19,12 +19,13 @@ def edit_context(
     *,
     t_first: float,
     finished: bool,
+    place_of: Callable[[float], float | None],
     force_limit_n: float | None,
 ) -> EditContext:
     """Return the changepoints, segments, apps and phases that an operator may correct.
 
     parts: every segment; gaps: the observations that follow a gap; t_first: time of the first observation
-    [s].
+    [s]; place_of: returns where a changepoint that is inserted at a time lies [s].
     """
     spans = [
         VisibleSegment(
@@ -45,6 +46,7 @@ def edit_context(
         kinds=kinds,
         apps=view.apps,
         phases=view.phases,
+        place_of=place_of,
         force_limit_n=force_limit_n,
     )
 

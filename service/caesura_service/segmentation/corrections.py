@@ -68,6 +68,8 @@ class ResolvedEdit:
     label: tuple[int, str] | None = None  # an observation, and the kind of the segment in which it lies
     force: tuple[float, float | None] | None = None  # [s] and [N] of the app that covers it
     name: tuple[float, str] | None = None  # [s] and what the phase that covers it is called
+    meant: float | None = None  # [s] where the changepoint was that it removed or moved
+    placed: float | None = None  # [s] where the changepoint is that it inserted or moved
     anew: bool = False  # was it resolved once more, because the journal has only what was asked for?
     made: Correction | None = field(default=None, compare=False)  # as the program lists it
 
@@ -89,15 +91,15 @@ class ResolvedEdit:
             label=self.label,
             force=self.force,
             name=self.name,
+            meant=self.meant,
+            placed=self.placed,
         )
 
 
 def correction_of(recorded: Resolution) -> ResolvedEdit:
     """Return a correction from its record in the journal."""
     none = tuple(index for first, stop in recorded.none for index in range(first, stop))
-    return ResolvedEdit(
-        recorded.inserted, recorded.starts, none, recorded.label, recorded.force, recorded.name
-    )
+    return ResolvedEdit(**vars(recorded) | {"none": none})
 
 
 def _runs(indices: Sequence[int]) -> Iterator[tuple[int, int]]:
@@ -152,6 +154,7 @@ class EditContext:
     kinds: Sequence[str]
     apps: Sequence[App]
     phases: Sequence[Phase]
+    place_of: Callable[[float], float | None]  # of a changepoint that is inserted at a time [s]; None: ahead
     force_limit_n: float | None = None  # [N] of the cell
 
 
@@ -200,8 +203,16 @@ class EditHistory:
                 if len(active) >= MAX_CORRECTIONS:
                     why = f"a session has {MAX_CORRECTIONS} corrections at most: undo some"
                     raise ProtocolError("conflict", why, limit=MAX_CORRECTIONS)
-                made = Correction(number=number, author=edit.author, at=at, action=change)
-                return EditHistory((*active, replace(resolve(change), made=made)), (), number)
+                one = resolve(change)
+                made = Correction(
+                    number=number,
+                    author=edit.author,
+                    at=at,
+                    action=change,
+                    meant=one.meant,
+                    placed=one.placed,
+                )
+                return EditHistory((*active, replace(one, made=made)), (), number)
 
     def taken_back(self, action: Undo | TakeBack) -> ResolvedEdit:
         """Return the correction that an action revokes. Raises ProtocolError if there is none."""
@@ -413,20 +424,28 @@ def resolved(action: Change, shown: EditContext) -> ResolvedEdit:
     """
     match action:
         case Insert(t=t):
-            _check_time(t, shown, ahead=True)
-            there = next((mark for mark in shown.marks if abs(mark.t - t) <= READ_AS_S), None)
-            return ResolvedEdit(inserted=t) if there is None else ResolvedEdit(starts=(there.start,))
+            return _inserted(t, shown)
         case Remove(t=t):
-            return ResolvedEdit(none=_meant(t, shown).between)
+            mark = _meant(t, shown)
+            return ResolvedEdit(none=mark.between, meant=mark.t)
         case Move(t=t, to=to):
             _check_time(to, shown, ahead=True)
-            return ResolvedEdit(inserted=to, none=_meant(t, shown).between)
+            mark = _meant(t, shown)
+            return ResolvedEdit(inserted=to, none=mark.between, meant=mark.t, placed=shown.place_of(to))
         case Relabel(t=t, kind=kind):
             return _relabelled(t, kind, shown)
         case LimitForce(t=t, newton=newton):
             return ResolvedEdit(force=(_limited(t, newton, shown), newton))
         case NamePhase(t=t, name=name):
             return ResolvedEdit(name=(_named(t, shown), name))
+
+
+def _inserted(t: float, shown: EditContext) -> ResolvedEdit:
+    _check_time(t, shown, ahead=True)
+    there = next((mark for mark in shown.marks if abs(mark.t - t) <= READ_AS_S), None)
+    if there is not None:
+        return ResolvedEdit(starts=(there.start,), placed=there.t)
+    return ResolvedEdit(inserted=t, placed=shown.place_of(t))
 
 
 def _check_time(t: float, shown: EditContext, *, ahead: bool = False) -> None:

@@ -548,6 +548,7 @@ class SegmentationPipeline:
             self.kinds,
             t_first=self._history.t(0) if parts else 0.0,
             finished=self._finished,
+            place_of=self._division.place_of,
             force_limit_n=self._opening.force_limit_n,
         )
 

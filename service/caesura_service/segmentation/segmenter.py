@@ -6,6 +6,7 @@ Settled segments are stored, and unchanged ones are reused.
 from __future__ import annotations
 
 from array import array
+from bisect import bisect_right
 from dataclasses import replace
 from itertools import islice
 from typing import NamedTuple
@@ -120,6 +121,14 @@ class Segmenter:
     def start_t(self, index: int) -> float:
         """Return the shown start [s] of a segment whose first own observation is this one."""
         return self._starts_t[index]
+
+    def place_of(self, t: float) -> float | None:
+        """Return the place [s] of a changepoint that is inserted at a time [s].
+
+        None if the time is ahead of the observations.
+        """
+        index = max(1, bisect_right(self.places, t, key=lambda place: place + 0.5 * STEP_S))
+        return self.places[index] if index < len(self.places) else None
 
     def outline(self) -> tuple[int, list[tuple[int, int]]]:
         """Return the number of final segments, and the start and kind number of every other segment.

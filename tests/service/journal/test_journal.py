@@ -37,7 +37,13 @@ from harness.fake_pipeline import make_fake_pipeline
 from harness.sessions import batch, batches, closing, new_registry, open_session, opening
 
 EVERYTHING = Resolution(
-    inserted=1.0, starts=(3,), none=((4, 9), (11, 12)), label=(7, "steady"), force=(1.5, None)
+    inserted=1.0,
+    starts=(3,),
+    none=((4, 9), (11, 12)),
+    label=(7, "steady"),
+    force=(1.5, None),
+    meant=0.85,
+    placed=0.95,
 )
 FACTORIES = {
     "memory": lambda path: nullcontext(MemoryJournal()),

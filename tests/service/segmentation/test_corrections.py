@@ -111,6 +111,22 @@ def test_a_moved_changepoint_is_where_it_was_moved_to_and_nowhere_else(shown: Pi
     assert [one.corrected for one in view.changepoints if 4.7 < one.t < 4.8] == [True]
 
 
+@pytest.mark.parametrize("t", [*np.linspace(0.3, 12.3, 25), 5.05, 5.1])
+def test_a_correction_states_where_its_changepoint_lies(shown: Pipeline, t: float):
+    """The list stated the time that was asked for, and the answer the place."""
+    before = min(times(shown.view), key=lambda one: abs(one - 4.2))
+    for action, meant in ((Insert(t=t), None), (Move(t=4.2, to=t), before)):
+        made = shown.resolve(action)
+        (found,) = [one.t for one in shown.corrected([made]).view.changepoints if one.corrected]
+        assert (made.meant, made.placed) == (meant, found)
+    assert shown.resolve(Remove(t=4.2)).meant == before
+
+
+def test_a_changepoint_that_is_yet_to_come_has_no_place():
+    short = fed(begun(), range(SHORT))
+    assert short.resolve(Insert(t=short.view.t + 1.0)).placed is None
+
+
 def test_a_relabelled_segment_keeps_its_ends_and_is_what_it_is_said_to_be(shown: Pipeline):
     old = shown.view.segments[2]
     view = with_one(shown, Relabel(t=0.5 * (old.t0 + old.tn), kind="contact"))

@@ -247,7 +247,11 @@ def test_the_edits_of_an_older_journal_are_resolved_at_their_place_which_log_and
 
 def test_what_an_edit_came_to_is_recorded_in_a_few_bytes_however_long_the_segment():
     correction = ResolvedEdit(
-        none=(*range(5, 400_000), *range(400_010, 500_000)), starts=(4,), label=(7, "steady")
+        none=(*range(5, 400_000), *range(400_010, 500_000)),
+        starts=(4,),
+        label=(7, "steady"),
+        meant=4.15,
+        placed=4.75,
     )
     recorded = correction.recorded()
     assert correction_of(recorded) == correction

@@ -145,8 +145,8 @@ def test_a_session_with_times_of_day_is_read_and_corrected_from_its_start(stage:
         page.locator(".correct-menu .insert").click()
         expect(page.locator(".message").first).to_contain_text(re.compile(r"inserted at 1\.[34]\d s"))
         rows = page.locator(".corrections li")
-        expect(rows.first).to_contain_text(f"Dee inserted a changepoint at {T:.2f} s")
         (inserted,) = corrected()
+        expect(rows.first).to_contain_text(f"Dee inserted a changepoint at {inserted:.2f} s")
         assert inserted == pytest.approx(T, abs=NEAR_S)
         expect(page.locator(".message").first).to_contain_text(f"inserted at {inserted:.2f} s")
 
@@ -180,12 +180,13 @@ def test_all_corrections_are_listed_and_any_of_them_is_undone(stage: Stage, visi
         caesura.move("cell-list", "over", 1.2, 1.6, author="Ann")
         rows = listed.locator("li")
         expect(rows).to_have_count(3)
-        expect(rows.first).to_contain_text("Ann moved the changepoint at 1.20 s to 1.60 s")
+        moved = re.compile(r"Ann moved the changepoint at 1\.[12]5 s to 1\.[56]5 s")
+        expect(rows.first).to_contain_text(moved)
         expect(rows.first.locator("time")).to_be_visible()
-        expect(rows.last).to_contain_text("Ann inserted a changepoint at 1.20 s")
+        expect(rows.last).to_contain_text(re.compile(r"Ann inserted a changepoint at 1\.[12]5 s"))
 
         since = listed.get_by_label("What has changed since")
-        since.select_option(label="correction 1: Ann inserted a changepoint at 1.20 s")
+        since.select_option(value="1")
         effect = listed.locator(".effect")
         expect(effect).to_contain_text(re.compile(r"^\s*Changed.* become .*and 2 more"))
         looks_right(visitor, "since", within=".corrections")
@@ -194,9 +195,8 @@ def test_all_corrections_are_listed_and_any_of_them_is_undone(stage: Stage, visi
         rows.last.get_by_role("button", name="Undo").click()
         refusal = "correction 3 by Ann moved that changepoint on: take correction 3 back first"
         expect(listed.locator(".message")).to_contain_text(refusal)
-        undo = rows.nth(1).get_by_role(
-            "button", name="Undo correction 2: Bo inserted a changepoint at 0.40 s"
-        )
+        called = re.compile(r"^Undo correction 2: Bo inserted a changepoint at 0\.[34]5 s$")
+        undo = rows.nth(1).get_by_role("button", name=called)
         undo.focus()
         page.keyboard.press("Enter")
         expect(listed.locator(".message")).to_contain_text("Correction 2 is taken back")

@@ -481,6 +481,48 @@ def test_an_operator_who_edits_again_before_the_program_is_there_makes_two_edits
     visitor.close()
 
 
+DISCONNECT = "() => { window.socket.emit = () => {}; }"  # as a connection that is lost, and never comes back
+
+
+def test_what_is_lost_with_the_connection_is_stated_when_the_page_is_loaded_again(
+    stage: Stage, visitor: Visitor
+):
+    """The page showed the session as if nothing had been corrected, edited or typed."""
+    teach(stage, "cell-lost")
+    visitor.is_called("Ann", stage.dashboard.url)
+    page = visitor.page
+    page.goto(f"{stage.dashboard.url}/sessions/cell-lost/over")
+    expect(page.locator(".app").first).to_be_visible()
+    settled(page)
+    said, edited = page.locator(".at-time .message"), page.locator(".program-said")
+    note, saved = page.locator(".name-note"), page.locator(".description .conflict")
+    page.locator(".description summary").click()
+    page.evaluate(DISCONNECT)
+    note.fill("calm hand")
+    note.press("Tab")
+    page.locator(".program-name").fill("Press the pump")
+    page.locator(".program-name").press("Tab")
+    page.locator(".plots").press("r")
+    page.locator(".correct-menu .insert").click()
+    expect(said).to_contain_text("Correcting …")
+    page.once("dialog", lambda dialog: dialog.accept())  # the browser asks before it leaves what is not saved
+    page.reload()
+    expect(said).to_contain_text("A correction was asked for before this page was loaded again")
+    expect(edited).to_contain_text("An edit was asked for before this page was loaded again")
+    expect(saved).to_contain_text("Not saved: the connection was lost")
+    expect(note).to_have_value("calm hand")
+    looks_right(visitor, "lost", within=".description")
+    page.get_by_role("button", name="Try again").click()
+    expect(page.locator(".description .saved")).to_contain_text("Saved.")
+    with stage.reader() as caesura:
+        assert caesura.snapshot("cell-lost", "over").status.description.note == "calm hand"
+    page.reload()
+    expect(page.locator(".app").first).to_be_visible()
+    settled(page)
+    for one in (said, edited, page.locator(".description .saved")):
+        expect(one, "it is stated once").to_have_text("")
+
+
 def test_the_first_edit_of_a_program_asks_for_a_name(stage: Stage, visitor: Visitor):
     teach(stage, "cell-unsigned")
     page = visitor.page

@@ -277,6 +277,28 @@ def test_no_press_waits_for_those_at_other_stations(page: Page, bridge: Scripted
         asked.done("first", "ready")
 
 
+def test_a_page_without_its_dashboard_states_that_what_it_shows_is_old(
+    stage: Stage, page: Page, bridge: ScriptedBridge
+):
+    """It taught on in green, however long ago the connection was lost."""
+    state, why = page.locator(".desk-state"), page.locator("#desk-why")
+    start(page, bridge, "first")
+    expect(state).to_contain_text("Teaching")
+    page.evaluate("() => window.socket.disconnect()")
+    expect(state).to_have_text("Stale")
+    expect(page.locator(".desk")).to_have_class("desk desk-stale")
+    expect(why).to_have_text("The connection to the dashboard is lost: what is shown is old.")
+    page.evaluate("() => window.socket.connect()")
+    expect(state).to_contain_text("Teaching")
+    page.goto(stage.dashboard.url)
+    badge, summary = page.locator(".card .badge-said").first, page.locator(".summary")
+    expect(badge).to_be_visible()
+    expect(badge).not_to_have_text("stale")
+    page.evaluate("() => window.socket.disconnect()")
+    expect(badge).to_have_text("stale")
+    expect(summary).to_have_text("The connection to the dashboard is lost: what is shown is old.")
+
+
 @pytest.mark.parametrize("name", ["Start", "Stop"])
 def test_a_press_that_is_lost_with_the_connection_is_stated(page: Page, bridge: ScriptedBridge, name: str):
     """The page loaded itself again, and showed the station as if nothing had been pressed."""

@@ -7,8 +7,11 @@ import Conflict from "caesura-dashboard/conflict.js";
 import { live } from "caesura-dashboard/live.js";
 import { dayAndTime } from "caesura-dashboard/numbers.js";
 import Staying from "caesura-dashboard/staying.js";
+import { unanswered } from "caesura-dashboard/unanswered.js";
 import { unsaved } from "caesura-dashboard/unsaved.js";
 
+const requests = unanswered("description");
+const UNANSWERED = "Not saved: the connection was lost, and the page was loaded again.";
 const NARROW = matchMedia("(max-width: 40rem)");
 const AUTHOR = "caesura-author";
 const empty = () => ({ task: null, operator: null, note: null, tags: [], success: null, deleted: false });
@@ -72,6 +75,16 @@ export default {
       Object.assign(this, { session: payload.session, opened: payload.opened, closed: payload.closed, tasks: payload.tasks, stored: payload.description });
       if (isOther) for (const name of FIELDS) this.fill(name, payload.description);
       if (!this.isAsking()) this.learn(payload.description);
+      if (isOther && this.editable) this.recall();
+    },
+    recall() { // changes that were not stored before the connection was lost
+      const asked = requests.recall(([{ session }]) => session === this.session);
+      if (asked === null) return;
+      const changes = Object.assign({}, ...asked.map((one) => one.changes));
+      const before = Object.assign({}, ...asked.map((one) => one.before).reverse()); // the oldest of each field
+      if (isSame(pick(this.stored, changes), changes)) return;
+      Object.assign(this, { message: UNANSWERED, failed: true, open: true });
+      this.refuse(changes, before, null);
     },
     leave() { // another session takes the place of this one, of which something may be typed still
       if (this.editable && this.session && !this.refused) for (const name of FIELDS) this.saveTyped(name);
@@ -108,6 +121,7 @@ export default {
       this.asked.push({ session: this.session, changes, before, rest: this.known });
       Object.assign(this, { message: "Saving …", failed: false, refused: null, known: { ...this.known, ...changes } });
       for (const name of FIELDS) if (name in changes) this.fill(name, changes);
+      requests.keep(this.asked.filter((one) => one.session === this.session));
       if (this.asked.length === 1) this.ask();
     },
     ask() {
@@ -117,6 +131,7 @@ export default {
     answered(message, failed, found = null) { // found: what another operator has set meanwhile
       const { session, changes, before } = this.asked.shift();
       if (this.asked.length) this.ask();
+      else requests.forget();
       if (session !== this.session) return;
       if (!failed) Object.assign(this, { stored: { ...this.stored, ...changes }, last: { changes, before } });
       if (!this.isAsking()) this.learn(this.stored);

@@ -1,7 +1,9 @@
 // The common part of every component: it receives payloads, acknowledges them, and states what it is ready for.
+// `offline`: the page is not connected to the dashboard, so what it shows is old. NiceGUI shows its popup meanwhile.
 export const live = {
   props: { initial: Object },
   emits: ["ready", "seen"],
+  data: () => ({ offline: false }),
   methods: {
     take(number, payload) {
       this.apply(payload);
@@ -11,5 +13,11 @@ export const live = {
   mounted() {
     if (this.initial) this.$nextTick(() => this.apply(this.initial)); // once the component itself is mounted
     this.$emit("ready", null);
+    const popup = document.getElementById("popup");
+    this.connection = new MutationObserver(() => (this.offline = popup.ariaHidden === "false"));
+    this.connection.observe(popup, { attributeFilter: ["aria-hidden"] });
+  },
+  unmounted() {
+    this.connection.disconnect();
   },
 };

@@ -6,11 +6,11 @@ export default {
   data: () => ({ stations: null, summary: "" }),
   template: `
     <div>
-      <p class="summary" role="status">{{ summary }}</p>
+      <p class="summary" role="status">{{ offline ? "The connection to the dashboard is lost: what is shown is old." : summary }}</p>
       <ul class="cards" aria-label="Stations">
-        <li v-for="one in stations" :key="one.station" class="card" :class="'is-' + one.state">
+        <li v-for="one in stations" :key="one.station" class="card" :class="'is-' + stateOf(one)">
           <h2><a :href="'/station/' + one.station">{{ one.station }}</a></h2>
-          <p class="state"><span class="badge badge-said" :class="'badge-' + one.state">{{ badge(one) }}</span>
+          <p class="state"><span class="badge badge-said" :class="'badge-' + stateOf(one)">{{ badge(one) }}</span>
             <span v-if="one.overloaded" class="badge badge-stale">overloaded</span></p>
           <p class="why" v-if="one.why">{{ one.why }}{{ one.state === "stale" ? ": what is shown is old" : "" }}</p>
           <p class="now"><template v-if="one.kind"><i class="swatch" :class="'kind-' + one.kind"></i>
@@ -37,8 +37,14 @@ export default {
       this.stations = payload.stations;
       this.summary = payload.summary;
     },
-    badge: (one) => one.said,
+    stateOf(one) {
+      return this.offline ? "stale" : one.state;
+    },
+    badge(one) {
+      return this.offline ? "stale" : one.said;
+    },
     age(one) {
+      if (this.offline) return "–";
       if (one.age_s) return `${one.age_s} ago`;
       return one.state === "teaching" ? "just now" : "–";
     },

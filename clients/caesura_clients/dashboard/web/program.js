@@ -8,8 +8,11 @@ import ProgramParts from "caesura-dashboard/program_parts.js";
 import ProgramPath from "caesura-dashboard/program_path.js";
 import ProgramVersions from "caesura-dashboard/program_versions.js";
 import Staying from "caesura-dashboard/staying.js";
+import { unanswered } from "caesura-dashboard/unanswered.js";
 import { unsaved } from "caesura-dashboard/unsaved.js";
 
+const requests = unanswered("program-edit");
+const UNANSWERED = "An edit was asked for before this page was loaded again, and no answer came: make it again if it is not listed below.";
 const AUTHOR = "caesura-author";
 const NEAR = 60; // pixels
 const LISTED = 100; // apps at a time, as `program_timeline.py` has it
@@ -103,11 +106,15 @@ export default {
       const isOther = now.session !== held.session, typed = this.name.trim();
       if (isOther || typed === this.nameSeen || typed === now.name) this.fillName(now.name); // else what was typed stays
       if (isOther) Object.assign(this, { message: "", sought: null });
+      if (isOther && this.editable) this.recall(now.session);
       const grows = isOther ? !now.complete : !held.complete; // also at its end, when findings come below the list
       const follows = grows && !now.after && !held.after && this.isAtEnd();
       this.program = Object.freeze(now); // Vue compares cards and rows by their identity, and looks into none
       if (this.sought !== null && now.editRevision >= this.soughtIn) this.$nextTick(this.find);
       else if (follows) this.$nextTick(this.goToEnd);
+    },
+    recall(session) { // an edit whose answer was lost with the connection
+      if (requests.recall((asked) => asked.session === session)) Object.assign(this, { message: UNANSWERED, failed: true });
     },
     rows(held, { first, rows }, before) {
       return Object.freeze([...held.filter(({ number }) => number > before && number < first), ...rows.map(Object.freeze)]);
@@ -180,6 +187,7 @@ export default {
       const { session, editRevision } = this.program, { made } = this; // an edit of this page may be there before its program
       const revision = made.session === session ? Math.max(editRevision, made.revision) : editRevision;
       this.sent = { session, revision: revision + 1 };
+      requests.keep({ session });
       this.$emit("edit", { session, revision, author, action, ...(seen && { seen }) });
     },
     sayAt(number, action, ...asked) { // at the edge of a part, the next apps are listed first: what is moved stays in sight
@@ -203,6 +211,7 @@ export default {
       this.say(...action);
     },
     answered(message, failed, found = null) { // found: what another operator has set meanwhile; the form states it
+      requests.forget();
       Object.assign(this, { message: found ? "" : message, failed, busy: false, made: failed ? {} : this.sent });
       this.afterwards?.(message, failed, found);
       this.afterwards = null;

@@ -19,10 +19,13 @@ import { Scale } from "caesura-dashboard/scale.js";
 import { template } from "caesura-dashboard/session_template.js";
 import { greatest, ofArm, ofGripper, PANELS, SHOWN_AT_FIRST } from "caesura-dashboard/signals.js";
 import Staying from "caesura-dashboard/staying.js";
+import { unanswered } from "caesura-dashboard/unanswered.js";
 import { undoing } from "caesura-dashboard/undoing.js";
 import { view } from "caesura-dashboard/view.js";
 import { YScales } from "caesura-dashboard/y_scales.js";
 
+const requests = unanswered("correction");
+const UNANSWERED = "A correction was asked for before this page was loaded again, and no answer came: make it again if it is not listed below.";
 const HELD_COLUMNS = 3000; // of run lengths: five minutes
 const AUTHOR = "caesura-author", SHOWN = "caesura-signals";
 const ROUNDED = 5e-4; // [s] by which the times of rows are off
@@ -67,7 +70,7 @@ export default {
     };
   },
   created() {
-    Object.assign(this, { fingers: new Map(), drag: null, panned: false, waiting: 0, loading: false, origin: null });
+    Object.assign(this, { fingers: new Map(), drag: null, panned: false, waiting: 0, loading: false, origin: null, hasRecalled: false });
   },
   mounted() {
     this.plots = new Plots(this.$refs.panels, this, this.linked ? SHARED : new YScales());
@@ -180,6 +183,12 @@ export default {
       else this.goOn();
       if (payload.reset || payload.segments || "closed" in payload) this.tellShown();
       this.want();
+      if (this.editable && this.session !== "" && !this.hasRecalled) this.recall();
+    },
+    recall() { // a correction whose answer was lost with the connection
+      this.hasRecalled = true;
+      const isHere = ({ station, session }) => station === this.station && session === this.session;
+      if (requests.recall(isHere)) Object.assign(this, { message: UNANSWERED, failed: true });
     },
     restart() { // with another session, or after the connection was lost
       this.forgetEffect();
@@ -204,6 +213,7 @@ export default {
       if (this.selected !== null && !this.changepoints.some(([t]) => t === this.selected)) this.selected = null;
     },
     answered(message, failed) {
+      requests.forget();
       Object.assign(this, { message: failed ? message : this.wordsOf(message), failed, busy: false });
       if (failed) this.made = 0;
       else if (this.act) this.acted();
@@ -334,6 +344,7 @@ export default {
       this.act = { number: action.do === "take_back" ? action.number : null, ...how, seen: this.revision };
       Object.assign(this, { busy: true, message: "Correcting …", failed: false, relabelled: action.do === "relabel" ? action.t : null,
         inList: action.do === "take_back" && !how.redoes });
+      requests.keep({ station: this.station, session: this.session });
       this.$emit("edit", { ...action, session: this.session, revision: this.revision, author: this.author.trim() });
     },
     askName(action, how = {}) { // of who corrects, at the first correction; then it is made

@@ -33,7 +33,9 @@ export async function load(station, session, { from, to, bins, columns, exact },
   const query = new URLSearchParams({ from, to, bins: Math.min(Math.max(Math.ceil(bins), 1), MAX_BINS) });
   if (columns.length) query.set("columns", columns.join(","));
   if (exact) query.set("exact", "1");
-  const answer = await fetch(`/samples/${station}/${session}?${query}`, { signal: abort });
+  const answer = await fetch(`/samples/${station}/${session}?${query}`, { signal: abort }).catch(() => {
+    throw new Error("the dashboard does not answer"); // each browser has other words
+  });
   if (!answer.ok) throw new Error(await answer.text());
   const bytes = await answer.arrayBuffer();
   const length = new DataView(bytes).getUint32(0, true);

@@ -2,12 +2,13 @@
 import { changes } from "caesura-dashboard/clicks.js";
 import { live } from "caesura-dashboard/live.js";
 import Staying from "caesura-dashboard/staying.js";
+import { unanswered } from "caesura-dashboard/unanswered.js";
 
 const OPERATOR = "caesura-author";
 const WORDS = { ready: "Ready", starting: "Starting …", teaching: "Teaching", stopping: "Storing …", failed: "Not ready" };
 // States of the bridge in which the refusal of a press has nothing to say any more.
 const PAST = { start: ["stopping", "failed"], stop: ["ready", "failed"] };
-const PRESSED = "caesura-press"; // in the session storage: the last press, until it is answered
+const presses = unanswered("press");
 const SETTLED = ["ready", "teaching", "failed"]; // states in which it is seen what became of it
 const newId = () => `press-${Date.now().toString(36)}-${Math.random().toString(36).slice(2, 10)}`;
 
@@ -37,14 +38,15 @@ export default {
     </section>`,
   computed: {
     words() {
-      const word = this.seen === "stale" ? "Stale" : WORDS[this.state] || this.said.charAt(0).toUpperCase() + this.said.slice(1);
-      return this.shown === "teaching" ? `${word} ${this.t} s` : word;
+      const word = this.shown === "stale" ? "Stale" : WORDS[this.state] || this.said.charAt(0).toUpperCase() + this.said.slice(1);
+      return this.shown === "teaching" && this.t ? `${word} ${this.t} s` : word;
     },
     reason() { // where the state of the bridge is not known, the message waits until it is
+      if (this.offline) return "The connection to the dashboard is lost: what is shown is old.";
       return (this.state && this.message) || this.why || this.outcome;
     },
     shown() {
-      return this.seen === "stale" ? "stale" : this.state || this.seen;
+      return this.offline || this.seen === "stale" ? "stale" : this.state || this.seen;
     },
   },
   watch: {
@@ -64,9 +66,8 @@ export default {
       if (!this.unanswered.length && SETTLED.includes(this.state)) this.recall();
     },
     recall() { // a press whose answer was lost because the page was loaded again, as after a lost connection
-      const press = JSON.parse(sessionStorage.getItem(PRESSED));
-      if (press?.station !== this.station) return;
-      sessionStorage.removeItem(PRESSED);
+      const press = presses.recall(({ station }) => station === this.station);
+      if (press === null) return;
       const [button, isPossible] = press.type === "start" ? ["Start", this.canStart] : ["Stop", this.canStop && press.session === this.session];
       const message = `${button} was pressed before this page was loaded again, and no answer came: press it again if it is still needed.`;
       if (isPossible) Object.assign(this, { pressed: "", failed: true, message });
@@ -80,7 +81,7 @@ export default {
     ask(message, command) {
       changes();
       Object.assign(this, { pressed: command.type, unanswered: [...this.unanswered, command.type], message, failed: false });
-      sessionStorage.setItem(PRESSED, JSON.stringify({ station: this.station, type: command.type, session: command.session }));
+      presses.keep({ station: this.station, type: command.type, session: command.session });
       this.$emit("ask", command);
     },
     start() {
@@ -99,7 +100,7 @@ export default {
     answered(type, message, failed) {
       this.unanswered = this.unanswered.filter((one) => one !== type);
       if (type === "start" && !failed) this.typed = false;
-      if (!this.unanswered.length) sessionStorage.removeItem(PRESSED);
+      if (!this.unanswered.length) presses.forget();
       if (type === this.pressed) Object.assign(this, { message: failed ? message : "", failed, refusedIn: this.session });
     },
   },

@@ -138,6 +138,20 @@ def test_no_line_leads_across_missing_samples(stage: Stage, visitor: Visitor):
     assert {place[0] for run in runs for place in run["places"]} == set(sent.t.tolist())
 
 
+def test_the_measured_path_comes_once_the_service_answers_again(stage: Stage, visitor: Visitor):
+    """The page stated until it was loaded again that no service answers."""
+    page, exact = visitor.page, "**/samples/**exact=1**"
+    stage.teach("cell-again", SENT, session="over", pace="fast")
+    stage.wait("cell-again")
+    page.route(exact, lambda route: route.fulfill(status=503, body="no service answers"))
+    page.goto(f"{stage.dashboard.url}/sessions/cell-again/over")
+    said = page.locator(".measured-said")
+    expect(said).to_have_text("The measured path cannot be shown: no service answers")
+    page.unroute(exact)
+    check_measured(runs_of(page, len(SENT.t)), SENT)
+    visitor.errors.clear()  # what could not be loaded meanwhile
+
+
 def test_a_time_that_not_all_columns_have_is_left_out(stage: Stage, visitor: Visitor):
     visitor.page.goto(f"{stage.dashboard.url}/sessions/cell-gap/over")
     settled(visitor.page)

@@ -9,7 +9,7 @@ export const SHOWN = "caesura-shown", ASKED = "caesura-shown-asked"; // events: 
 const COLUMNS = ["px", "py", "pz"], MM = 1000;
 const BINS = 4096, PART_S = 8; // of one query: bins of 2 ms, two samples of a robot at 1 kHz
 const LONGEST_S = 64, MOST = 4000; // places that are drawn
-const WAIT_MS = 300, EPS_S = 1e-6;
+const WAIT_MS = 300, AGAIN_MS = 1000, EPS_S = 1e-6;
 
 // Places [t, x, y, z] at the times that all three columns have.
 export function placesOf(points) {
@@ -92,6 +92,8 @@ export const measuredPath = {
         if (!found) this.why = "No position was measured here.";
       } catch (error) {
         Object.assign(this, { measured: null, why: `The measured path cannot be shown: ${error.message}` });
+        clearTimeout(this.due);
+        this.due = setTimeout(() => this.measure(), AGAIN_MS);
       }
       this.measuring = false;
       if (this.isLate) this.measure();

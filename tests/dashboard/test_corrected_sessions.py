@@ -360,6 +360,8 @@ def test_a_finger_sees_the_effect_at_the_first_tap_and_corrects_at_the_second(st
         menu.locator(".insert").tap()
         expect(menu.locator(".effect")).to_contain_text("become")
         expect(menu.locator(".effect")).to_contain_text("Tap again to correct.")
+        expect(menu.locator(".more"), "it was below what is in sight").to_be_in_viewport(ratio=1)
+        assert menu.locator(".more").evaluate(IS_ON_TOP)
         assert caesura.snapshot("cell-touch", "over").status.revision == 0
         for visitor.theme, rules in THEMES.items():
             page.evaluate("(theme) => document.documentElement.dataset.theme = theme", visitor.theme)
@@ -481,6 +483,11 @@ def test_an_operator_who_edits_again_before_the_program_is_there_makes_two_edits
     visitor.close()
 
 
+# Is the middle of an element in sight, under nothing else and not scrolled out of what it is in?
+IS_ON_TOP = """(one) => {
+  const { left, top, width, height } = one.getBoundingClientRect();
+  return document.elementFromPoint(left + width / 2, top + height / 2) === one;
+}"""
 DISCONNECT = "() => { window.socket.emit = () => {}; }"  # as a connection that is lost, and never comes back
 
 

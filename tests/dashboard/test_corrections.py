@@ -152,7 +152,11 @@ def test_the_menu_of_corrections_with_its_preview_is_within_the_window(
         longer = menu.bounding_box()
         assert longer is not None
         assert longer["y"] + longer["height"] <= size["height"]
-        assert menu.evaluate("(menu) => menu.scrollHeight > menu.clientHeight"), "more than fits is scrolled"
+        scrolled = menu if size is DESK else menu.locator(".effect")  # of a phone
+        assert scrolled.evaluate("(one) => one.scrollHeight > one.clientHeight"), "more than fits is scrolled"
+        shown = scrolled.bounding_box()
+        assert shown is not None
+        assert shown["y"] + shown["height"] <= size["height"]
         page.keyboard.press("Escape")
     finally:
         page.set_viewport_size(DESK)

@@ -11,9 +11,9 @@ export default {
   components: { EffectWords },
   props: { t: Number, start: Number, selected: Number, segment: Object, phase: Object, kinds: Object, author: String, x: Number, y: Number, width: Number, room: Number, kept: Array, effect: Object },
   emits: ["edit", "preview", "close", "rename", "time"],
-  data: () => ({ newton: 10, tapped: "", name: "", raised: 0, bottom: "auto", most: "none" }),
+  data: () => ({ newton: 10, tapped: "", name: "", raised: 0, bottom: "auto", most: "none", apart: false }), // apart: the preview is at the lower edge of the window
   template: `
-    <div class="correct-menu" role="dialog" :aria-label="'Correct at ' + shownTime(t) + ' s'" :style="place" @keydown.esc.stop="$emit('close')">
+    <div class="correct-menu" :class="{ apart }" role="dialog" :aria-label="'Correct at ' + shownTime(t) + ' s'" :style="place" @keydown.esc.stop="$emit('close')">
       <label class="menu-time">Time [s] <input ref="time" class="time" type="number" step="any" @change="setTime($event.target.value)"></label>
       <button v-if="isAtPoint" class="remove" title="The two segments that meet here become one" v-on="making({ do: 'remove', t: selected })">
         Remove the changepoint <kbd>Delete</kbd></button>
@@ -66,8 +66,8 @@ export default {
     leaveBand() { // no room beside the segment: the band shows it, and the menu is above or below that
       const frame = this.$el.parentElement.getBoundingClientRect().top;
       const header = Math.max(0, document.querySelector("header")?.getBoundingClientRect().bottom ?? 0); // it takes every tap
-      const low = Math.ceil(Math.max(frame + BAND, header + MARGIN)), below = window.innerHeight - MARGIN - low, above = frame - header - 2 * MARGIN;
-      this.most = `${Math.max(below, above)}px`;
+      const low = Math.ceil(Math.max(frame + BAND, header + MARGIN)), below = window.innerHeight - MARGIN - EFFECT - low, above = frame - header - 2 * MARGIN;
+      Object.assign(this, { apart: true, most: `${Math.max(below, above)}px` });
       if (below >= above) this.raised = this.y - (low - frame);
       else this.bottom = `calc(100% + ${MARGIN}px)`;
     },

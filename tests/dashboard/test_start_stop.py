@@ -17,7 +17,7 @@ from playwright.sync_api import Locator, Page, expect
 
 from caesura_clients import Caesura
 from caesura_protocol.app_kinds import app_title
-from caesura_protocol.messages import Description, Program
+from caesura_protocol.messages import Description, NameProgram, Program
 from dashboard.browser import DESK, LOOK_MS, PATIENCE_MS, PHONE, SETTLED, Visitor, looks_right, needs_chromium
 from dashboard.stage import Stage, StandbyBridge, patient
 from harness.demonstrations import guided
@@ -118,6 +118,9 @@ def test_sessions_are_searched_filtered_sorted_and_deleted_with_undo(stage: Stag
         expect(names).to_have_text(["press c", "press b", "press a"])
         page.get_by_role("button", name="name").click()
         expect(names).to_have_text(["press a", "press b", "press c"])
+        caesura.edit_program("cell-3", "list-a", NameProgram(name="press"), author="Ann")
+        changed = page.locator("tr", has_text="press a").locator("td[data-title=changed]")
+        expect(changed, "an edit of the program is no correction").to_contain_text("Ann")
         looks_right(visitor, "sessions-listed")
         page.locator(".by-success").select_option("false")
         expect(names).to_have_text(["press b"])

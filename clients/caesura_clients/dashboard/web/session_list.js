@@ -5,7 +5,7 @@ import { dayAndTime } from "caesura-dashboard/numbers.js";
 const COLUMNS = [
   ["task", "name"], ["success", "success"], ["opened", "taught"], ["station", "station"], ["operator", "operator"], ["tags", "tags"],
   ["length", "length"], ["segments", "segments"], ["apps", "apps"], ["gaps", "gaps"],
-  ["version", "program"], ["edited", "corrected"], ["session", "session"], ["instance", "instance"],
+  ["version", "program"], ["edited", "changed"], ["session", "session"], ["instance", "instance"],
 ];
 const MOST = 50; // sessions of a dataset
 const RESULTS = { true: "yes", false: "no", null: "–" };

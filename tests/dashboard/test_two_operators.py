@@ -168,6 +168,9 @@ def test_what_is_typed_into_the_form_of_an_app_that_goes_comes_back_with_it(besi
     expect(beside.page.locator(".app-speed")).to_have_count(0)
     beside.bob_does(Undo())
     expect(card.locator(".app-speed"), "what was typed is kept").to_have_value("50")
+    expect(beside.page.locator(".program-said"), "it stated that the app was not shown").to_contain_text(
+        "is shown again. What was typed into its form is not saved yet."
+    )
     card.locator(".save").press("Enter")
     expect(card.locator("dl")).to_contain_text("50 %")
     assert beside.app.speed == 0.5

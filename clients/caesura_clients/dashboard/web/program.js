@@ -25,7 +25,7 @@ export default {
   props: { editable: Boolean, speeds: Array },
   emits: ["edit", "simulate", "cancel", "compare", "part"],
   provide() {
-    return { appsShown: () => this.program.apps, keyOf: this.key, typed: new Map(), lost: this.lost };
+    return { appsShown: () => this.program.apps, keyOf: this.key, typed: new Map(), lost: this.lost, cameBack: this.cameBack };
   },
   data: () => ({ program: null, message: "", failed: false, busy: false, name: "", nameSeen: "", nameConflict: null, afterwards: null, sought: null, soughtIn: 0, holds: false, gripper: localStorage.getItem(gripperKey()) || "", asked: null, draft: "", sent: {}, made: {}, inserts: false }),
   template: `
@@ -122,6 +122,9 @@ export default {
     lost({ number, name, title }) { // a form with something typed into it went with its app
       const app = `App ${number} (${name || title})`;
       Object.assign(this, { message: `${app} is no longer shown. What was typed into its form is not saved, and comes back with it.`, failed: true });
+    },
+    cameBack({ number, name, title }) {
+      Object.assign(this, { message: `App ${number} (${name || title}) is shown again. What was typed into its form is not saved yet.`, failed: false });
     },
     isAtEnd() { // the newest app is in sight: what is taught next comes into sight too
       const list = this.$refs.apps;

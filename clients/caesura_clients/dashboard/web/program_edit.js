@@ -21,7 +21,7 @@ export default {
   mixins: [unsaved],
   components: { Conflict, NewApp },
   props: { app: Object, sessions: Array, kinds: Array, busy: Boolean },
-  inject: ["appsShown", "keyOf", "typed", "lost"],
+  inject: ["appsShown", "keyOf", "typed", "lost", "cameBack"],
   emits: ["edit"],
   data: () => ({ open: false, draft: null, base: null, sent: {}, conflict: null, last: 0, session: "" }),
   template: `
@@ -148,6 +148,7 @@ export default {
     if (!typed) return;
     this.typed.delete(key);
     Object.assign(this, typed, { open: true, last: this.app.number });
+    this.cameBack(this.app);
   },
   beforeUnmount() { // another operator has deleted the app, or corrected what it was inferred from
     if (!this.isUnsaved()) return;

@@ -12,7 +12,16 @@ from urllib.parse import urlsplit
 
 import pytest
 from axe_playwright_python.base import AXE_SCRIPT
-from playwright.sync_api import Browser, Error, Page, ViewportSize, WebSocketRoute, sync_playwright
+from playwright.sync_api import (
+    Browser,
+    Error,
+    Page,
+    Request,
+    ViewportSize,
+    WebSocket,
+    WebSocketRoute,
+    sync_playwright,
+)
 
 from harness.processes import eventually
 
@@ -144,23 +153,31 @@ def settled(page: Page) -> None:
 
 
 class Visitor:
-    """One page of a browser; remembers which hosts it asked for and what went wrong in it."""
+    """One page of a browser; remembers what went wrong in it and, if watched, which hosts it asked for."""
 
     def __init__(self, browser: Browser, theme: Theme = "light", **context: Any) -> None:
         """context: of Playwright, such as `has_touch`."""
         self.theme = theme
         self.hosts: set[str] = set()
         self.errors: list[str] = []
+        self._watches_hosts = False
         self._context = browser.new_context(**{"viewport": TABLET, "color_scheme": theme, **context})
-        self._context.on("request", lambda request: self._ask(request.url))
         self.page: Page = self._context.new_page()
         self.page.set_default_timeout(PATIENCE_MS)
-        self.page.on("websocket", lambda socket: self._ask(socket.url))
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.on("console", lambda said: self._listen(said.type, said.text))
 
     def close(self) -> None:
         self._context.close()
+
+    def watch_hosts(self) -> None:
+        """Collect the hosts of all requests until the page is left.
+
+        Playwright then reports every request to this process: a tenth of what a page costs.
+        """
+        self._context.on("request", self._ask)
+        self.page.on("websocket", self._ask)
+        self._watches_hosts = True
 
     def begin_again(self, size: ViewportSize) -> None:
         """As one who has just come, but for what the browser has in its cache."""
@@ -175,6 +192,10 @@ class Visitor:
 
     def leave(self) -> None:
         """The browser keeps nothing of the page but its cache, and does not wait for its server."""
+        if self._watches_hosts:
+            self._context.remove_listener("request", self._ask)
+            self.page.remove_listener("websocket", self._ask)
+            self._watches_hosts = False
         try:
             self.page.evaluate(FORGET)
         except Error:  # a page whose server began again loads itself anew meanwhile
@@ -226,9 +247,10 @@ class Visitor:
         )
         return dict(self.page.evaluate(TYPE_SIZES))
 
-    def _ask(self, url: str) -> None:
-        if urlsplit(url).scheme not in {"data", "blob"}:
-            self.hosts.add(urlsplit(url).hostname or "")
+    def _ask(self, asked: Request | WebSocket) -> None:
+        url = urlsplit(asked.url)
+        if url.scheme not in {"data", "blob"}:
+            self.hosts.add(url.hostname or "")
 
     def _listen(self, kind: str, text: str) -> None:
         if kind == "error":

@@ -80,6 +80,7 @@ def press(page: Page, *keys: str) -> None:
 
 
 def test_a_recording_is_annotated_by_keys_alone_and_kept(file: Path, visitor: Visitor):
+    visitor.watch_hosts()
     with running(Annotate(file)) as tool:
         page = opened(tool, visitor)
         expect(page.locator(".message")).to_have_text("nothing to save yet")

@@ -96,6 +96,7 @@ def goto(stage: Stage, visitor: Visitor, path: str) -> Page:
 @pytest.mark.parametrize("name", PAGES)
 def test_every_page_has_a_purpose_and_is_accessible(stage: Stage, visitor: Visitor, name: str):
     path, words = PAGES[name]
+    visitor.watch_hosts()
     page = goto(stage, visitor, path)
     expect(page.get_by_text(words).first).to_be_visible()
     for visitor.theme, rules in THEMES.items():

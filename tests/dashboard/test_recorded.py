@@ -67,6 +67,7 @@ def _outcome():
 @pytest.fixture(scope="module")
 def opened(stage: Stage, regular: Visitor) -> Iterator[Visitor]:
     regular.begin_again(DESKTOP)
+    regular.watch_hosts()
     regular.page.goto(f"{stage.dashboard.url}/sessions/cell-1/s1")
     yield regular
     regular.leave()

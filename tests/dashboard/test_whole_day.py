@@ -297,6 +297,7 @@ def test_a_demonstration_from_its_start_to_the_day_after(
     stage: Stage, bridge: StandbyBridge, visitor: Visitor
 ):
     page = visitor.page
+    visitor.watch_hosts()
     page.goto(f"{stage.dashboard.url}/station/cell-1")
     session = teach(stage, visitor)
     correct(visitor)

@@ -46,11 +46,14 @@ MEMORY = Path("/dev/shm")
 LEAST_FREE = 4 << 30  # [bytes] in memory
 # Files that take long, the longest first: those that wait (harness/scheduling.py), then those that compute.
 LONG = (
+    "tests/dashboard/test_layout_shift.py",
     "tests/dashboard/test_browser.py",
-    "tests/dashboard/test_whole_day.py",
+    "tests/dashboard/test_edit_form.py",
     "tests/dashboard/test_corrected_sessions.py",
-    "tests/dashboard/test_start_stop.py",
+    "tests/dashboard/test_whole_day.py",
+    "tests/dashboard/test_corrections.py",
     "tests/dashboard/test_dropped.py",
+    "tests/dashboard/test_start_stop.py",
     "tests/dashboard/",
     "tests/service/security/test_diagnosis.py",
     "tests/faults/",

@@ -294,7 +294,7 @@ def test_what_people_set_of_an_app_is_named_with_their_names():
         leave, AppChange(field="added", author="Bo", edit=2), AppChange(field="name", author="Cy", edit=3)
     )
     assert reasons((touch, harder)) == ["presses harder than it was taught to: 10.0 N of 6.0 N taught"]
-    assert "was not taught so: speed 0.5 by Ann" in reasons((FIRST, slow))
+    assert "was not taught so: speed 50 % of the taught one by Ann" in reasons((FIRST, slow))
     assert reasons((touch, pressed, added)) == ["was not taught so: added by Bo"]
 
 

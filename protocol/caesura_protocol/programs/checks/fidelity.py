@@ -20,7 +20,7 @@ from caesura_protocol.app_force_limit import LEAST_PRESS_N, exerted_forces, forc
 from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.messages import App, Gap, Vector, ViaPoint, WrenchReport
 from caesura_protocol.number_words import fixed, interval, reads_above
-from caesura_protocol.programs.app_time_shifts import part_of, rests_of
+from caesura_protocol.programs.app_time_shifts import part_of, rests_of, speed_in_words
 from caesura_protocol.programs.checks.findings import Finding, in_mm
 from caesura_protocol.programs.document import ProgramStep
 from caesura_protocol.programs.document_timing import ProgramTiming
@@ -37,7 +37,7 @@ NAMED = 3  # impacts in a finding, the hardest ones
 EDITED_APART = "the way between them was not taught"
 EDITED: Mapping[str, Callable[[App], str]] = {  # text on an edit that changes what a robot does, by its mark
     "target": lambda app: "target" if app.target is None else f"target {in_mm(app.target)}",
-    "speed": lambda app: "speed" if app.speed is None else f"speed {app.speed:g}",
+    "speed": lambda app: f"speed {speed_in_words(app)}".rstrip(),
     "tolerance_m": lambda app: (
         "tolerance" if app.path is None else f"tolerance {1000 * app.path.tolerance_m:g} mm"
     ),

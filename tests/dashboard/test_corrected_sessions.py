@@ -502,6 +502,7 @@ def test_what_is_lost_with_the_connection_is_stated_when_the_page_is_loaded_agai
     expect(page.locator(".app").first).to_be_visible()
     settled(page)
     said, edited = page.locator(".at-time .message"), page.locator(".program-said")
+    run = page.locator(".program-path .simulated")
     note, saved = page.locator(".name-note"), page.locator(".description .conflict")
     page.locator(".description summary").click()
     page.evaluate(DISCONNECT)
@@ -512,10 +513,12 @@ def test_what_is_lost_with_the_connection_is_stated_when_the_page_is_loaded_agai
     page.locator(".plots").press("r")
     page.locator(".correct-menu .insert").click()
     expect(said).to_contain_text("Correcting …")
+    page.get_by_role("button", name="Simulate", exact=True).click()
     page.once("dialog", lambda dialog: dialog.accept())  # the browser asks before it leaves what is not saved
     page.reload()
     expect(said).to_contain_text("A correction was asked for before this page was loaded again")
     expect(edited).to_contain_text("An edit was asked for before this page was loaded again")
+    expect(run).to_contain_text("A simulated run ended with the connection")
     expect(saved).to_contain_text("Not saved: the connection was lost")
     expect(note).to_have_value("calm hand")
     looks_right(visitor, "lost", within=".description")
@@ -526,7 +529,7 @@ def test_what_is_lost_with_the_connection_is_stated_when_the_page_is_loaded_agai
     page.reload()
     expect(page.locator(".app").first).to_be_visible()
     settled(page)
-    for one in (said, edited, page.locator(".description .saved")):
+    for one in (said, edited, run, page.locator(".description .saved")):
         expect(one, "it is stated once").to_have_text("")
 
 

@@ -7,7 +7,10 @@ import { measuredPath } from "caesura-dashboard/measured_path.js";
 import { fixed } from "caesura-dashboard/numbers.js";
 import { KINDS } from "caesura-dashboard/palette.js";
 import Staying from "caesura-dashboard/staying.js";
+import { unanswered } from "caesura-dashboard/unanswered.js";
 
+const runs = unanswered("simulation");
+const UNANSWERED = "A simulated run ended with the connection, before the page was loaded again: simulate it again.";
 const VIEWS = { "3D": [-0.7, 0.5], top: [-Math.PI / 2, Math.PI / 2], front: [-Math.PI / 2, 0], side: [0, 0] };
 const MARGIN = 34, LEGEND_PX = 68, LEAST_MM = 60, STEP_RAD = Math.PI / 36, TICK_MS = 50, GROWS_MS = 1000, LABEL_PX = 12, FORCE_PX_PER_N = 1.5, LONGEST_PX = 60;
 const BARS_MM = [1000, 500, 200, 100, 50, 20, 10], BAR_PX = 130, AXES = ["x", "y", "z"];
@@ -69,6 +72,7 @@ export default {
     this.painter = new Painter(this.$refs.canvas, () => this.$refs.canvas.clientWidth && this.paint());
     this.unwatch = watchLook(this.$refs.canvas, this.draw, this.draw);
     this.$refs.canvas.path = this; // for who looks at the page from outside
+    if (runs.recall(({ page }) => page === location.pathname)) Object.assign(this, { said: UNANSWERED, stopped: true });
   },
   unmounted() {
     clearInterval(this.player);
@@ -106,10 +110,12 @@ export default {
     simulate() {
       Object.assign(this, { busy: true, said: "", stopped: false });
       this.asked = JSON.stringify(this.rows);
+      runs.keep({ page: location.pathname });
       this.$emit("simulate", this.speed);
       this.$nextTick(() => this.$refs.cancel?.focus()); // a disabled button has no focus
     },
     simulated({ said, stopped, points }) {
+      runs.forget();
       const held = document.activeElement === this.$refs.cancel;
       Object.assign(this, { busy: false, said, stopped, run: null });
       if (held) this.$nextTick(() => this.$refs.simulate.focus());

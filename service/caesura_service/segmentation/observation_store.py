@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.constant_models import HoldingStates
 from caesura_service.changepoint.turn_resistance import torsion_of
+from caesura_service.coaching import ObservedPose
 from caesura_service.constants import HANDS_BREADTH_M, JOINTS_MOST, REST_M_PER_S, TARED_BIAS_N, UP
 from caesura_service.program import Moment
 from caesura_service.segmentation.overflow_file import AppendLog
@@ -341,3 +342,26 @@ def holding(observation: Observation) -> float:
         return np.nan
     empty = observation.gripper_width is not None and observation.gripper_width <= EMPTY_GRIPPER_M
     return float(observation.gripper_closed and not empty)
+
+
+def observed_pose(observation: Observation, upright: Array | None) -> ObservedPose:
+    """Return an observation in the form that coaching uses; upright: as in `ObservationStore`."""
+    vectors = observation.position_base, observation.velocity_base, observation.force_base
+    between = observation.between
+    if upright is not None:
+        vectors = upright.dot(vectors[0]), upright.dot(vectors[1]), upright.dot(vectors[2])
+        between = None if between is None else np.hstack([between[:, :3] @ upright.T, between[:, 3:]])
+    (x, y, z), (vx, vy, vz), (fx, fy, fz) = (vector.tolist() for vector in vectors)
+    return ObservedPose(
+        observation.t,
+        (x, y, z),
+        (vx, vy, vz),
+        (fx, fy, fz),
+        holding(observation),
+        observation.joints,
+        observation.after_gap,
+        observation.measured_n,
+        None if observation.orientation is None else observation.orientation.tolist(),
+        None if observation.turning is None else observation.turning.tolist(),
+        between,
+    )

@@ -27,16 +27,13 @@ from caesura_service.coaching import (
     ArmLimits,
     BoundaryCoach,
     CoachingSetup,
-    ObservedPose,
     SignalCoach,
     all_hints,
 )
 from caesura_service.constants import TARED_BIAS_N
-from caesura_service.cooperative_scheduler import GivingWay, give_way
+from caesura_service.cooperative_scheduler import give_way
 from caesura_service.phases import PARAMETERS, Chain, PhaseTracker
 from caesura_service.program import (
-    BEGINS_MOVING,
-    ENDS_MOVING,
     TOLERANCE_M,
     TOLERANCE_RAD,
     Gaps,
@@ -44,12 +41,7 @@ from caesura_service.program import (
     Moment,
     Paths,
     ProgramSegment,
-    detours,
-    left_out_note,
     missed_finger_motion,
-    missed_pulls_note,
-    missed_torques_note,
-    missed_touches_note,
 )
 from caesura_service.segmentation.correction_targets import edit_context
 from caesura_service.segmentation.corrections import (
@@ -67,14 +59,14 @@ from caesura_service.segmentation.input_notes import (
     too_fast_note,
     wrench_report,
 )
-from caesura_service.segmentation.observation_store import ObservationStore, holding
+from caesura_service.segmentation.left_out_notes import left_out_notes
+from caesura_service.segmentation.observation_store import ObservationStore, observed_pose
 from caesura_service.segmentation.opening_layout import arm_of, robot_of, sample_layout
 from caesura_service.segmentation.pipeline_interface import Pipeline, PipelineView
 from caesura_service.segmentation.segmenter import Segmenter
 from caesura_service.signals import (
     Conditioner,
     ConditioningOutput,
-    Observation,
     SampleLayout,
 )
 from caesura_service.signals.tare import UNTARED_BIAS_N
@@ -104,8 +96,7 @@ def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None
         ) from error
     if threshold is not None:
         check_level(threshold)
-        unconditioned = replace(preset.filter, certain=1.0)
-        preset = replace(preset, threshold=threshold, filter=unconditioned)
+        preset = replace(preset, threshold=threshold, filter=replace(preset.filter, certain=1.0))
     if (opening.wrench_source, opening.hand_on_robot) == ("flange_sensor_with_hand", "no"):
         raise ProtocolError(
             "malformed",
@@ -124,38 +115,14 @@ def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None
         raise ProtocolError("malformed", str(error), value=value) from error
 
 
-def _pose(observation: Observation, upright: NDArray[np.float64] | None) -> ObservedPose:
-    """Return an observation in the form that coaching uses; upright: as in `ObservationStore`."""
-    vectors = observation.position_base, observation.velocity_base, observation.force_base
-    between = observation.between
-    if upright is not None:
-        vectors = upright.dot(vectors[0]), upright.dot(vectors[1]), upright.dot(vectors[2])
-        between = None if between is None else np.hstack([between[:, :3] @ upright.T, between[:, 3:]])
-    (x, y, z), (vx, vy, vz), (fx, fy, fz) = (vector.tolist() for vector in vectors)
-    return ObservedPose(
-        observation.t,
-        (x, y, z),
-        (vx, vy, vz),
-        (fx, fy, fz),
-        holding(observation),
-        observation.joints,
-        observation.after_gap,
-        observation.measured_n,
-        None if observation.orientation is None else observation.orientation.tolist(),
-        None if observation.turning is None else observation.turning.tolist(),
-        between,
-    )
-
-
 class _Happened(NamedTuple):
-    """The state on which segments and program depend, without the end of the last segment."""
+    """The state on which segments and program depend, without the end of the last segment.
+
+    beside: the number of gripper actions, the gaps, and the tare.
+    """
 
     outline: tuple[int, list[tuple[int, int]]] = (0, [])
-    beside: tuple[int, tuple[Gap, ...], tuple[float, float, float] | None] = (
-        0,
-        (),
-        None,
-    )  # grips, gaps, tare
+    beside: tuple[int, tuple[Gap, ...], tuple[float, float, float] | None] = (0, (), None)
     last_start_t: float = 0.0  # [s]
 
     def is_like(self, before: Self) -> bool:
@@ -171,9 +138,6 @@ class _Looked(NamedTuple):
     observations: int = -LOOK_EVERY
     program: int = -PROGRAM_EVERY
     happened: _Happened = _Happened()
-
-
-_NEVER = _Looked()
 
 
 class SegmentationPipeline:
@@ -203,7 +167,7 @@ class SegmentationPipeline:
         self._begin(tared=True)
         self._gaps = Gaps()
         self._grips: list[GripperAction] = []
-        self._program, self._looked = self._growing(), _NEVER
+        self._program, self._looked = self._growing(), _Looked()
         self._lost = False  # the next gap was declared, not seen
         self._began = math.inf  # [s] first sample
         self._finished = False
@@ -304,14 +268,14 @@ class SegmentationPipeline:
         """
         other = copy(self)
         other._heeded = FilterConstraints(corrections)
-        other._program, other._looked = other._growing(), _NEVER
+        other._program, other._looked = other._growing(), _Looked()
         other._begin(tared=self._division.tared)
         other._finished = False  # what a finished one states, an hour would state every fifteen seconds
         for index in range(len(self._history)):
             other._step(index)
             other._keep_up()  # an hour of it, all at once at the end, would be one slice
             give_way()
-        other._finished, other._looked = self._finished, _NEVER
+        other._finished, other._looked = self._finished, _Looked()
         if self._finished:
             other._close_hints()
         other.refresh()
@@ -406,7 +370,7 @@ class SegmentationPipeline:
         looked = self._looked
         for observation in conditioned.observations:
             self._history.append(observation)
-            self._coach.observe(_pose(observation, self._upright))
+            self._coach.observe(observed_pose(observation, self._upright))
             self._step(len(self._history) - 1)
             self._keep_up()
             give_way()
@@ -554,33 +518,17 @@ class SegmentationPipeline:
 
     def _left_out(self, segments: Sequence[Segment], apps: Sequence[App]) -> Iterator[str]:
         """Yield notes on what of a finished demonstration is in no app or group; apps: as inferred."""
-        if not (self._finished and apps):
-            return
-        segments, apps = tuple(GivingWay(segments)), tuple(GivingWay(apps))  # decoded once
-        in_turns = GivingWay(apps)
-        if self._moves(1):
-            yield BEGINS_MOVING
-        ways = tuple(detours(in_turns, *self._history.all_poses()))
-        excursions = self._conditioner.finger_excursions
-        fingers = missed_finger_motion(*self._history.openings(), self._grips, excursions)
-        if note := left_out_note(segments, apps, self._history.moment, self._program.up, (*ways, *fingers)):
-            yield note
-        if self._in_use.contact_models:
-            span, moment = (self._history.t(0), self._history.t_last), self._history.moment
-            missed = (
-                missed_torques_note(in_turns, self._history.torques, *span),
-                missed_pulls_note(in_turns, moment, self._program.up),
-                missed_touches_note(in_turns, moment, *span, GivingWay),
+        if self._finished and apps:
+            excursions = self._conditioner.finger_excursions
+            yield from left_out_notes(
+                segments,
+                apps,
+                self._history,
+                missed_finger_motion(*self._history.openings(), self._grips, excursions),
+                has_forces=self._in_use.contact_models,
+                up=self._program.up,
             )
-            yield from filter(None, missed)
-        if self._moves(len(self._history) - 1):
-            yield ENDS_MOVING
-        yield from ungrouped_notes(apps, self._view.phases)
-
-    def _moves(self, index: int) -> bool:
-        """Return whether the flange has moved since the observation before; False if that is unknown."""
-        known = 0 < index < len(self._history) and not self._history.after_gap(index)
-        return known and not self._history.rests(index)
+            yield from ungrouped_notes(apps, self._view.phases)
 
     def _notes(self) -> tuple[str, ...]:
         """Return the notes on the wrench source in use, its limits, gaps, and corrections resolved again."""

@@ -23,7 +23,7 @@ from caesura_service.constants import JOINTS, JOINTS_MOST
 from caesura_service.cooperative_scheduler import Slices
 from caesura_service.offline_segmentation import batches, opening_of, segment_recording, views
 from caesura_service.program import BEGINS_MOVING, ENDS_MOVING, Paths, ProgramSegment, task_program
-from caesura_service.segmentation import pipeline as pipeline_module
+from caesura_service.segmentation import left_out_notes as notes_module
 from caesura_service.segmentation.pipeline import (
     LOOK_EVERY,
     PROGRAM_EVERY,
@@ -604,7 +604,7 @@ def test_a_view_says_in_which_unit_and_frame_its_samples_came(taught: Recording)
 def test_the_notes_on_a_long_program_give_way_at_each_app(monkeypatch, taught, note):
     """At the end of 15 minutes they took 0.2 s in one slice, in which the worker served no station."""
     made, inside, slices = make_pipeline(opening_of(taught), "default"), [False], Slices(slice_s=0.0)
-    noted = getattr(pipeline_module, note)
+    noted = getattr(notes_module, note)
 
     def watched(*given):
         inside[0] = True
@@ -613,7 +613,7 @@ def test_the_notes_on_a_long_program_give_way_at_each_app(monkeypatch, taught, n
         inside[0] = False
         return found
 
-    monkeypatch.setattr(pipeline_module, note, watched)
+    monkeypatch.setattr(notes_module, note, watched)
     made.push(taught.matrix())
     done, interrupted = slices.begin("close", made.finish), 0
     while not done:

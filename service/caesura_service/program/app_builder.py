@@ -43,9 +43,6 @@ from caesura_service.program.held_forces import (
 from caesura_service.program.joined_strokes import (
     INSERTED_M,
     NOWHERE_M,
-    rest_force_n,
-    stroke_aslant,
-    stroke_force,
 )
 from caesura_service.program.paths import Paths
 from caesura_service.program.program_segment import (
@@ -60,6 +57,7 @@ from caesura_service.program.program_segment import (
     observed,
 )
 from caesura_service.program.segment_interpretation import kept_steps
+from caesura_service.program.stroke_forces import rest_force_n, stroke_aslant, stroke_force
 
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
 WEIGHED_S = 1.0  # in which a load is weighed well: a shorter step may end with a touch

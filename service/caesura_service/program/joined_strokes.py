@@ -1,4 +1,4 @@
-"""The parts of a stroke, and the force with which it is pressed.
+"""The parts of a stroke: its rests and its ends.
 
 - A rest at either end of a stroke or of a turn in contact is part of it, however short. It has a force of its
   own if it lasts for half a second. A rest with another force before or after it is a press of its own.
@@ -13,16 +13,13 @@ import math
 from collections.abc import Callable, Iterable, MutableMapping, Sequence
 from dataclasses import replace
 from itertools import dropwhile, groupby, pairwise, takewhile, zip_longest
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from caesura_protocol.messages import ScrewMotion, Segment, Vector
+from caesura_protocol.messages import ScrewMotion
 from caesura_protocol.rotations import angle_between, matrix_of
 from caesura_protocol.screw_torque_and_text import exerted, stop_torque_nm, torque_about_axis
 from caesura_service.constants import HANDS_BREADTH_M, TURN_SHARE
-from caesura_service.program.held_forces import force_aslant
 from caesura_service.program.program_segment import (
     OBSERVED_S,
     PUSHES_BACK_N,
@@ -30,28 +27,36 @@ from caesura_service.program.program_segment import (
     STOPS_SHARE,
     UNLIKE_N,
     Context,
-    Moment,
     MomentAt,
     ProgramSegment,
     joined_where,
     length,
-    medians,
     observed,
     slows_at,
+)
+from caesura_service.program.stroke_forces import (
+    NO_FORCES,
+    PRESS_SHARE,
+    STROKE_REST_S,
+    ToolForces,
+    force_of_rests,
+    median_force,
+    pushing_force,
+    rest_force_n,
+    same_side,
+    stroke_force,
+    tool_axes,
+    tool_forces,
 )
 
 NOWHERE_M = 0.01  # a movement shorter than this leads nowhere
 DECAY_REACH_M = 0.02  # a movement shorter than this beside a contact may belong to it
 APPROACH_REST_S = 0.3  # a movement that stands for less before its last centimetres goes on
 INSERTED_M = 0.01  # from which depth on what is pushed in is an app of its own
-SAME_SIDE = 0.5  # cosine between two forces; friction tilts that of a stroke, and a bias a weak one
-PRESS_LOOKS = 100  # observations of a press that are looked at
-PRESS_SHARE = 0.7  # of the largest force of a stroke, from which on it is pressed: as of a segment
 SAME_AXIS = 0.9  # cosine between two turns that are one
 LEAST_TURN_RAD = 0.1  # a turn by less is a rest: it has no screw motion
 TILT_COSINE = 0.7  # of the angle between the tool and the axis of a turn: 45 degrees
 TIP_REACH_M = 0.2  # from the reported point to the tip of a tool
-STROKE_REST_S = 0.5  # a rest at either end of a stroke that is shorter than this has no force of its own
 OUT_M, OUT_SHARE = 0.005, 0.3  # from which on a movement leaves a contact; friction tilts a force less
 
 
@@ -187,30 +192,6 @@ def _short_rests(
     return rests
 
 
-def stroke_force(stroke: ProgramSegment, moment_at: MomentAt) -> Vector | None:
-    """Return the median force (3,) [N] with which a stroke is pressed; None where nothing pushes back.
-
-    Touching and letting go are left out, as in the force of a segment. The median is taken in the tool's
-    axes, because a force turns with the tool along a surface.
-    """
-    turn, force = _median(_felt([stroke], moment_at), PRESS_SHARE)
-    return None if force is None else tuple((turn @ force).tolist())
-
-
-def rest_force_n(rests: Sequence[ProgramSegment], moment_at: MomentAt) -> float | None:
-    """Return the median force [N] with which rests are pressed; None unless they have a force of their own.
-
-    It is one median over all rests, so it does not depend on how they are divided. If that force pushes back,
-    the time before the touch is left out.
-    """
-    return _rest_force_n(rests, _felt(rests, moment_at))
-
-
-def has_own_force(rests: Sequence[ProgramSegment]) -> bool:
-    """Return whether rests last for `STROKE_REST_S`: in a shorter time the force still rises."""
-    return bool(rests) and rests[-1].segment.tn - rests[0].segment.t0 >= STROKE_REST_S - ROUNDED_S
-
-
 def stands(step: ProgramSegment) -> bool:
     """Return whether a step is a turn in contact that is so small that it counts as a rest."""
     segment = step.segment
@@ -222,7 +203,7 @@ def only_touches(step: ProgramSegment, moment_at: MomentAt) -> bool:
     """Return whether a step ends in a contact and presses for less than a rest with a force of its own."""
     if not step.arrives:
         return False
-    pushes = np.count_nonzero(_felt([step], moment_at).n >= PUSHES_BACK_N)
+    pushes = np.count_nonzero(tool_forces([step], moment_at).n >= PUSHES_BACK_N)
     return bool(OBSERVED_S * pushes < STROKE_REST_S - ROUNDED_S)
 
 
@@ -231,91 +212,6 @@ def may_end_movement(step: ProgramSegment) -> bool:
     contact.
     """
     return length(step.moved) < DECAY_REACH_M
-
-
-def stroke_aslant(stroke: ProgramSegment, moment_at: MomentAt) -> Vector | None:
-    """Return the force (3,) [N] that the robot would exert as one held in another direction than the stroke.
-
-    Of several, as in the rests beside it, the one that differs most; None without one (`force_aslant`). As
-    the force of the stroke, it is that at the orientation that the tool has halfway.
-    """
-    turn, force = _median(_felt([stroke], moment_at), PRESS_SHARE)
-    if force is None:
-        return None
-    parts = (stroke.rests_before, (stroke,), stroke.rests_after)
-    others = (force_aslant(_felt(part, moment_at).force, force) for part in parts)
-    found = [np.array(one) for one in others if one is not None]
-    if not found:
-        return None
-    x, y, z = (turn @ max(found, key=lambda one: length(one + force))).tolist()
-    return x, y, z
-
-
-class _Felt(NamedTuple):
-    """The forces on the robot at k times, in the axes of the tool."""
-
-    axes: NDArray[np.float64]  # (k, 3, 3) of the tool, in the base frame
-    force: NDArray[np.float64]  # (k, 3) [N] in them
-    n: NDArray[np.float64]  # (k,) [N] its length
-
-    def and_then(self, following: _Felt) -> _Felt:
-        """Return these forces, followed by those at later times."""
-        return _Felt(*map(np.concatenate, zip(self, following, strict=True)))
-
-
-NOTHING_FELT = _Felt(np.empty((0, 3, 3)), np.empty((0, 3)), np.empty(0))
-
-
-def _felt(steps: Sequence[ProgramSegment], moment_at: MomentAt) -> _Felt:
-    """Return the known forces of steps, less their bases."""
-    seen = [(moment_at(t), step.base) for step in steps for t in _looks(step.segment)]
-    known = [(moment, np.subtract(moment.force, base)) for moment, base in seen if moment.force is not None]
-    if not known:
-        return NOTHING_FELT
-    axes = [_axes(moment) for moment, _ in known]
-    in_tool = [force @ turn for turn, (_, force) in zip(axes, known, strict=True)]
-    return _Felt(np.array(axes), np.array(in_tool), np.array([length(force.tolist()) for _, force in known]))
-
-
-def _force(steps: Sequence[ProgramSegment], moment_at: MomentAt) -> NDArray[np.float64] | None:
-    """Return the median force (3,) [N] in the tool's axes while something pushes back, or None."""
-    return _median(_felt(steps, moment_at))[1]
-
-
-def _median(
-    felt: _Felt, share: float = 0.0, *, least_n: float = PUSHES_BACK_N
-) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-    """Return the tool's axes (3, 3) halfway, and the median force (3,) [N] in them; None without a force.
-
-    A force below `least_n` [N], or below a share of the force that a tenth of the time exceeds, is left out.
-    """
-    if share > 0.0 and felt.n.size:
-        least_n = max(share * float(np.quantile(felt.n, 0.9)), least_n)
-    pressed = np.flatnonzero(felt.n >= least_n)
-    if not pressed.size:
-        return np.eye(3), None
-    return felt.axes[pressed[pressed.size // 2]], medians(felt.force[pressed])
-
-
-def _rest_force_n(rests: Sequence[ProgramSegment], felt: _Felt) -> float | None:
-    """Return `rest_force_n` of rests, computed from their forces `felt`."""
-    if not has_own_force(rests):
-        return None
-    _, force = _median(felt, least_n=0.0)
-    if force is not None and length(force) >= PUSHES_BACK_N:
-        _, force = _median(felt)
-    return None if force is None else length(force)
-
-
-def _looks(segment: Segment) -> list[float]:
-    """Return the times [s] of a segment's observations, evenly decimated to at most `PRESS_LOOKS`."""
-    times = observed(segment.t0, segment.tn)
-    return times[:: -(-len(times) // PRESS_LOOKS)]
-
-
-def _axes(moment: Moment) -> NDArray[np.float64]:
-    """Return the tool's axes (3, 3) in the base frame; those of the base without an orientation."""
-    return np.eye(3) if moment.orientation is None else matrix_of(moment.orientation)
 
 
 def _ends(movement: ProgramSegment, step: ProgramSegment, following: ProgramSegment | None) -> bool:
@@ -359,7 +255,7 @@ def _belong(rests: Sequence[ProgramSegment], stroke: ProgramSegment, moment_at: 
     """Return whether `stroke` is a stroke, and the rests beside it press to the same side of the tool."""
     if not _is_stroke(stroke):
         return False
-    return _same_side(_force(rests, moment_at), _force([stroke], moment_at))
+    return same_side(pushing_force(rests, moment_at), pushing_force([stroke], moment_at))
 
 
 def _leads_to(
@@ -373,7 +269,7 @@ def _is_begun(
     rests: Sequence[ProgramSegment], last: ProgramSegment, following: ProgramSegment, moment_at: MomentAt
 ) -> bool:
     """Return whether rests between two strokes have the force of the second, and not of the first."""
-    level_n = _level_n(rests, _felt(rests, moment_at))
+    level_n = _level_n(rests, tool_forces(rests, moment_at))
     ended, begun = (stroke_force(one, moment_at) for one in (last, following))
     if level_n is None or ended is None or begun is None:
         return False
@@ -388,9 +284,9 @@ def _length_of(steps: Sequence[ProgramSegment], belongs: Callable[[ProgramSegmen
 def _levels(run: Iterable[ProgramSegment], moment_at: MomentAt) -> list[tuple[ProgramSegment, ...]]:
     """Return consecutive rests, divided where a lasting one has another force than those before it."""
     levels: list[tuple[ProgramSegment, ...]] = []
-    before = NOTHING_FELT
+    before = NO_FORCES
     for rest in run:
-        felt = _felt([rest], moment_at)
+        felt = tool_forces([rest], moment_at)
         here = _level_n([rest], felt)
         there = _level_n(levels[-1], before) if levels and here is not None else None
         if levels and (here is None or there is None or abs(here - there) < UNLIKE_N):
@@ -402,11 +298,11 @@ def _levels(run: Iterable[ProgramSegment], moment_at: MomentAt) -> list[tuple[Pr
     return levels
 
 
-def _level_n(rests: Sequence[ProgramSegment], felt: _Felt) -> float | None:
+def _level_n(rests: Sequence[ProgramSegment], felt: ToolForces) -> float | None:
     """Return the force [N] of rests once it has risen; None as `rest_force_n`, 0 without a push."""
-    if _rest_force_n(rests, felt) is None:
+    if force_of_rests(rests, felt) is None:
         return None
-    _, force = _median(felt, PRESS_SHARE)
+    _, force = median_force(felt, PRESS_SHARE)
     return 0.0 if force is None else length(force)
 
 
@@ -424,20 +320,15 @@ def _pressed_as(part: ProgramSegment, stroke: ProgramSegment, moment_at: MomentA
 
     The force of a short rest is not compared.
     """
-    here = _force([part], moment_at)
-    _, there = _median(_felt([stroke], moment_at), PRESS_SHARE)
+    here = pushing_force([part], moment_at)
+    _, there = median_force(tool_forces([stroke], moment_at), PRESS_SHARE)
     rest_n = rest_force_n([part], moment_at)
     rests = part.segment.motion == "steady"
     if rests and rest_n is not None:
         near = there is None or abs(rest_n - length(there)) < UNLIKE_N
     else:
         near = rests or here is None or there is None or abs(length(here) - length(there)) < UNLIKE_N
-    return near and _same_side(here, there)
-
-
-def _same_side(here: NDArray[np.float64] | None, there: NDArray[np.float64] | None) -> bool:
-    """Whether two forces in the tool's axes press to the same side; True where one of them is None."""
-    return here is None or there is None or float(here @ there) >= SAME_SIDE * length(here) * length(there)
+    return near and same_side(here, there)
 
 
 def _one_way(parts: Sequence[ProgramSegment]) -> ProgramSegment:
@@ -549,7 +440,7 @@ def _turns_on_tip(step: ProgramSegment, moment_at: MomentAt) -> bool:
     turned = 0.0 if segment.turn is None else length(segment.turn)
     if segment.kind != "sliding" or turned < LEAST_TURN_RAD:
         return False
-    axis_moved = (_axes(last) - _axes(first))[:, 2]
+    axis_moved = (tool_axes(last) - tool_axes(first))[:, 2]
     nearest_m = -float(step.moved @ axis_moved) / max(float(axis_moved @ axis_moved), 1e-12)
     tip_moved = length(step.moved + min(max(nearest_m, 0.0), TIP_REACH_M) * axis_moved)
     return tip_moved**2 <= TURN_SHARE * (HANDS_BREADTH_M * turned) ** 2

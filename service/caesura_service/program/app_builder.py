@@ -247,11 +247,15 @@ def _hardest(steps: Sequence[ProgramSegment]) -> ProgramSegment:
 def _inserted(group: AppGroup) -> tuple[list[ProgramSegment], list[ProgramSegment]]:
     """Return the steps that push something in before the fingers first move, and the others.
 
-    A peg is pushed into its hole, for example. A step in which the fingers move is divided there.
+    A peg is pushed into its hole, for example. The last step belongs to the fingers, unless it pushes in. A
+    step in which the fingers move is divided there.
     """
     steps = group.steps
     first = min((grip.t for grip in group.grips if grip.t >= steps[0].segment.t0), default=-math.inf)
     before = list(takewhile(lambda step: step.segment.tn <= first, steps))
+    whole = before[: len(steps) - 1]
+    if sum(step.pushed_in for step in whole) > INSERTED_M:
+        return whole, steps[len(whole) :]
     after = steps[len(before) :]
     if after and after[0].segment.t0 + OBSERVED_S < first and not after[0].segment.corrected:
         pushing, gripping = divided_at(after[0], first, group.moment_at)

@@ -347,3 +347,32 @@ def test_what_is_set_down_and_let_go_is_not_pushed_in() -> None:
     made = plugged(0.008, 5.3)
     assert kinds(made) == ["transport", "gripper_move"]
     assert made[1].force_taught == pytest.approx((0.0, 0.0, -20.0))
+
+
+def test_what_holds_a_peg_in_its_hole_is_no_part_of_the_press_that_pushed_it_in() -> None:
+    """A robot that pushed with the 9 N that held the peg, in place of 15 N, did not push it in."""
+
+    def at(t: float) -> Moment:
+        z = float(np.interp(t, [2.0, 4.0, 5.5], [0.4, 0.2, 0.176]))
+        return replace(moment_at(0.0), position=(0.0, 0.0, z), force=(0.0, 0.0, 0.0 if t < 4.0 else 15.0))
+
+    ends = {"position_start": at(5.5).position, "position_end": at(5.5).position}
+    made = program(
+        segment("transport", 2.0, 4.0, load_kg=0.0, load_sd_kg=0.05),
+        segment(
+            "sliding",
+            4.0,
+            5.5,
+            force_held=(0.0, 0.0, 15.0),
+            position_start=at(4.0).position,
+            position_end=at(5.5).position,
+        ),
+        segment("contact", 5.5, 7.0, force_held=(0.0, 0.0, 9.0), **ends),
+        segment("steady", 7.0, 8.0),
+        grips=(GripperAction(1.0, "grasp", 0.02), GripperAction(6.9, "release", 0.08)),
+        at=at,
+    )
+    press, release = made[-2:]
+    assert (press.kind, release.kind) == ("apply_force", "gripper_move")
+    assert press.force == pytest.approx((0.0, 0.0, -15.0))
+    assert (press.tn, release.t0) == (5.5, 5.5)

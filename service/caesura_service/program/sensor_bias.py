@@ -21,12 +21,12 @@ from caesura_service.program.program_segment import (
     ENDS,
     OBSERVED_S,
     PUSHES_BACK_N,
+    UNLIKE_N,
     Context,
     Moment,
     MomentAt,
     ProgramSegment,
     carried_weight,
-    holds,
     length,
     observed,
 )
@@ -37,6 +37,7 @@ AROUND_S = 2.0  # before and after a contact
 TOUCHING_S, LETTING_GO_S = 0.1, 0.3  # of that, what may lie in the contact: a boundary is only so exact
 WANDER_M, WANDER_S = 0.15, 10.0  # over which it wanders by about `WANDER_N`
 WANDER_N, OFFSET_N = 1.0, 3.0  # standard deviations of its wander, and of its size beside the force before
+SPRUNG_SHARE = 0.2  # of the change of a spring's force on a way
 READ_VARIANCE = 2.0  # [N²] of a reading: noise and the tool's inertia, which last over several readings
 
 Array = NDArray[np.float64]
@@ -45,8 +46,8 @@ Array = NDArray[np.float64]
 def with_bases(kept: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
     """Return the steps; the bias of contacts is fitted to the force on both sides of them.
 
-    If the fingers move, or the change exceeds a sensor's bias, it has another cause. The base is then the
-    force before the contact.
+    If the fingers move, a spring acts, or the change exceeds a sensor's bias, it has another cause. The base
+    is then the force before the contact.
     """
     based: list[ProgramSegment] = []
     for touches, run in groupby(kept, key=lambda step: step.touches):
@@ -59,7 +60,7 @@ def with_bases(kept: Sequence[ProgramSegment], context: Context) -> list[Program
         changed = np.subtract(left, steps[0].base)
         if before.contact != after.contact or length(changed) >= MOST_WANDER_N:
             continue
-        if context.fingers_move(before.tn, after.t0):
+        if context.fingers_move(before.tn, after.t0) or any(_sprung(way, context) for way in (before, after)):
             continue
         bias = bias_between(before, after, steps[0].base, left, context.moment_at)
         for k, step in enumerate(steps, start=place):
@@ -68,28 +69,32 @@ def with_bases(kept: Sequence[ProgramSegment], context: Context) -> list[Program
 
 
 def base_after(before: ProgramSegment, context: Context) -> Vector:
-    """Return the force [N] before the contact that a step belongs to, or that follows the step."""
+    """Return the force [N] before the contact that a step belongs to, or that follows the step.
+
+    That of a way against a spring is the one nearest to the carried weight: its median or one of its ends.
+    """
     if before.touches:
         return before.base
-    base = _force_at_end(before.segment, context)
-    return _unpulled(base, before, context) if holds(before, context.grips) else base
-
-
-def _unpulled(base: Vector, carried: ProgramSegment, context: Context) -> Vector:
-    """Return the force [N] before the contact that follows a carry, given the median of its last second.
-
-    A force that rises or fades on the whole way is that of a spring, and no bias. Then it is the force at
-    the end of the way that is nearer to the carried weight.
-    """
-    forces = context.forces(observed(carried.segment.t0, carried.segment.tn))
-    if len(forces) < 2 * ENDS:
-        return base
-    ends = [context.median(forces[:ENDS]), context.median(forces[-ENDS:])]
-    if any(length(end - base) < PUSHES_BACK_N for end in ends):
-        return base
-    weight = carried_weight(carried.segment, context)
-    x, y, z = min(ends, key=lambda end: length(end - weight)).tolist()
+    forces = [np.array(_force_at_end(before.segment, context)), *_sprung(before.segment, context)]
+    weight = carried_weight(before.segment, context)
+    x, y, z = min(forces, key=lambda force: length(force - weight)).tolist()
     return x, y, z
+
+
+def _sprung(way: Segment, context: Context) -> tuple[Array, ...]:
+    """Return the forces [N] at both ends of a way on which the force rises or fades, as a spring's does.
+
+    Empty for another way. At a touch the force changes at one end only. A spring's force in the middle is
+    apart from that at both ends by `SPRUNG_SHARE` of the change.
+    """
+    forces = context.forces(observed(way.t0, way.tn))
+    if len(forces) < 2 * ENDS:
+        return ()
+    low, high = (len(forces) - ENDS) // 2, len(forces) - ENDS
+    first, middle, last = (context.median(forces[at : at + ENDS]) for at in (0, low, high))
+    changed = length(last - first)
+    apart = min(length(middle - first), length(middle - last))
+    return (first, last) if changed >= UNLIKE_N and apart >= SPRUNG_SHARE * changed else ()
 
 
 def bias_between(

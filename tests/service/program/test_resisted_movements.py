@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -90,11 +91,26 @@ def test_other_contacts_stay_contacts(change: dict[str, float]) -> None:
     assert not any(map(is_resisted, made))
 
 
-def sprung(most_n: float, way_m: float = 0.1) -> tuple[App, ...]:
-    """Pull a gripped handle against a spring from 2 to 4 s, hold it, and let it back from 5 to 7 s."""
+def evenly(share: float) -> float:
+    return share
+
+
+def smoothly(share: float) -> float:
+    """Rise from 0 to 1 at minimum jerk, as a hand does."""
+    return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+
+
+def sprung(
+    most_n: float, way_m: float = 0.1, out_s: float = 2.0, law: Callable[[float], float] = evenly
+) -> tuple[App, ...]:
+    """Pull a gripped handle against a spring from 2 s on, hold it for 1 s, and let it back as fast.
+
+    The fingers let go 1.5 s after that.
+    """
+    held, left, back = np.cumsum([2.0 + out_s, 1.0, out_s]).tolist()
 
     def at(t: float) -> Moment:
-        share = float(np.interp(t, [2.0, 4.0, 5.0, 7.0], [0.0, 1.0, 1.0, 0.0]))
+        share = law(float(np.interp(t, [2.0, held, left, back], [0.0, 1.0, 1.0, 0.0])))
         return replace(moment_at(0.0), position=(0.0, -way_m * share, 0.2), force=(0.0, most_n * share, 0.0))
 
     def part(kind: str, t0: float, tn: float, **fields: Any) -> Segment:
@@ -109,13 +125,13 @@ def sprung(most_n: float, way_m: float = 0.1) -> tuple[App, ...]:
     parts = (
         part("steady", 0.0, 1.0),
         part("hold", 1.0, 2.0, **load),
-        part("transport", 2.0, 4.0, **load, force_end=(0.0, most_n, 0.0)),
-        part("contact", 4.0, 5.0, force_held=(0.0, most_n, 0.0)),
-        part("transport", 5.0, 7.0, **load),
-        part("hold", 7.0, 8.5, **load),
+        part("transport", 2.0, held, **load, force_end=(0.0, most_n, 0.0)),
+        part("contact", held, left, force_held=(0.0, most_n, 0.0)),
+        part("transport", left, back, **load),
+        part("hold", back, back + 1.5, **load),
     )
     steps = [ProgramSegment(index, one, 1.0) for index, one in enumerate(parts)]
-    return task_program(steps, (GRASP, replace(RELEASE, t=8.5)), at, paths=Paths(poses))
+    return task_program(steps, (GRASP, replace(RELEASE, t=back + 1.5)), at, paths=Paths(poses))
 
 
 def test_a_handle_against_a_spring_is_carried_on_both_ways() -> None:
@@ -129,6 +145,16 @@ def test_a_handle_against_a_spring_is_carried_on_both_ways() -> None:
     assert back.path.length_m == pytest.approx(0.1, abs=0.01)
     assert out.force_taught == pytest.approx((0.0, -20.0, 0.0), abs=1.0)
     assert [is_resisted(one) for one in made] == [one is out for one in made]
+
+
+@pytest.mark.parametrize("most_n", [8.0, 10.0, 20.0])
+def test_a_short_smooth_way_back_leaves_no_force_behind(most_n: float) -> None:
+    """The median of the way counted as the bias, so the robot pressed in the rest after it."""
+    made = sprung(most_n, way_m=0.04, out_s=1.2, law=smoothly)
+    *_, held, _, rest, release = made
+    assert [one.kind for one in made if one.t0 >= held.tn] == ["transport", "hold", "gripper_move"]
+    assert (rest.kind, release.force_taught) == ("hold", None)
+    assert held.force == pytest.approx((0.0, -most_n, 0.0), abs=1.0)
 
 
 @pytest.mark.parametrize(("most_n", "way_m"), [(20.0, 0.04), (2.0, 0.1)])

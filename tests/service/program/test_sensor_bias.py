@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from caesura_service.program import GripperAction, Moment
@@ -82,3 +83,22 @@ def test_what_is_in_the_air_after_a_contact_is_no_bias_where_it_is_more_than_tha
     at = lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 20.0 if t < 5.0 else left_n)  # noqa: E731
     apps = program(segment("motion", 0.0, 2.0), stroke, off, at=at, grips=grips)
     assert forces_of(apps[1]) == pytest.approx([20.0], abs=1e-6)
+
+
+def test_the_force_of_a_spring_on_the_way_to_a_press_is_no_bias() -> None:
+    """A cushion that was held with 15 N was pressed with 10.1 N, without a finding."""
+
+    def pushed(t: float) -> Moment:
+        rise = np.interp(t, [1.0, 2.2, 3.2, 4.4], [0.0, 1.0, 1.0, 0.0])
+        return drifted(t, pushed_n=15.0 * float(rise**2 * (3.0 - 2.0 * rise)))
+
+    made = program(
+        segment("steady", 0.0, 1.0),
+        segment("motion", 1.0, 2.2),
+        segment("contact", 2.2, 3.2, **held(15.0)),
+        segment("motion", 3.2, 4.4),
+        segment("steady", 4.4, 5.4),
+        at=pushed,
+    )
+    presses = [one.force for one in made if one.kind == "apply_force"]
+    assert presses == [pytest.approx((0.0, 0.0, -15.0), abs=1.0)]

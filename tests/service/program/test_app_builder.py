@@ -376,3 +376,24 @@ def test_what_holds_a_peg_in_its_hole_is_no_part_of_the_press_that_pushed_it_in(
     assert (press.kind, release.kind) == ("apply_force", "gripper_move")
     assert press.force == pytest.approx((0.0, 0.0, -15.0))
     assert (press.tn, release.t0) == (5.5, 5.5)
+
+
+def test_what_a_surface_bears_is_not_pushed_in() -> None:
+    """A load of 1 kg was set down over 30 mm, and the robot then pressed with its weight."""
+
+    def at(t: float) -> Moment:
+        z = float(np.interp(t, [2.0, 4.0, 5.5], [0.4, 0.23, 0.2]))
+        borne = float(np.interp(t, [4.0, 5.5], [0.0, 1.0]))
+        return replace(moment_at(0.0), position=(0.0, 0.0, z), force=(0.0, 0.0, -9.8 * (1.0 - borne)))
+
+    def part(kind: str, t0: float, tn: float, **fields: Any) -> Segment:
+        return segment(kind, t0, tn, position_start=at(t0).position, position_end=at(tn).position, **fields)
+
+    made = program(
+        part("transport", 2.0, 4.0, load_kg=1.0, load_sd_kg=0.05),
+        part("contact", 4.0, 7.0, force_held=(0.0, 0.0, 0.0)),
+        part("steady", 7.0, 8.0),
+        grips=(GripperAction(1.0, "grasp", 0.02), GripperAction(6.9, "release", 0.08)),
+        at=at,
+    )
+    assert "apply_force" not in kinds(made)

@@ -29,7 +29,6 @@ from caesura_protocol.app_kinds import AppKind
 from caesura_protocol.messages import App, Gap, RestForce, Vector
 from caesura_protocol.programs.checks.fidelity import SWAYED_M
 from caesura_protocol.up_direction import UP
-from caesura_service.constants import GRAVITY
 from caesura_service.program.app_group import AppEnd, AppGroup, group_key, pose_fields
 from caesura_service.program.end_velocities import with_end_velocities
 from caesura_service.program.gaps import observed_share
@@ -108,7 +107,7 @@ def task_program(
         if build is not None:
             before = groups[number - 1][-1] if number else None
             after = groups[number + 1 : number + 3]
-            apps += build(AppGroup(group, before, after, rest, moment_at, force_limit_n, paths, up))
+            apps += build(AppGroup(group, before, after, rest, moment_at, force_limit_n, paths))
     apps += [_grip_app(grip, grip.t, grip.t, moment_at, paths, 1.0, ()) for grip in rest]
     apps = [_as_observed(app, gaps) for app in sorted(apps, key=_when)]
     return tuple(apps) if paths is None else with_end_velocities(apps, paths, app_before)
@@ -266,17 +265,12 @@ def _inserted(group: AppGroup) -> tuple[list[ProgramSegment], list[ProgramSegmen
         return [], steps
     approach = None if group.before is None or group.before.touches else group.before.segment
     end, touched = before[-1], group.touched(before[0], approach).where["target"]
-    force = _hardest(before).force
-    depth = -float(np.subtract(end.segment.position_end, touched) @ direction(force))
-    pushes = depth > INSERTED_M and not _is_set_down(force, group)
-    return (before, after) if pushes else ([], steps)
-
-
-def _is_set_down(force: Vector, group: AppGroup) -> bool:
-    """Return whether a force [N] is that with which a surface bears what was carried to it."""
-    load_kg = 0.0 if group.before is None else group.before.segment.load_kg or 0.0
-    borne = GRAVITY * load_kg * np.array(group.up)
-    return load_kg > 0.0 and length(np.subtract(force, borne)) < PUSHES_BACK_N
+    hardest = _hardest(before)
+    normal = direction(hardest.force)
+    depth = -float(np.subtract(end.segment.position_end, touched) @ normal)
+    # What is set down, or let back by a spring, pulls less and less, but nothing pushes the robot back.
+    pushes = float(normal @ hardest.segment.force) >= PUSHES_BACK_N
+    return (before, after) if pushes and depth > INSERTED_M else ([], steps)
 
 
 def _slides(group: AppGroup) -> Iterable[App]:

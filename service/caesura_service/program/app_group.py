@@ -11,7 +11,6 @@ from typing import Any
 from caesura_protocol.app_kinds import AppKind
 from caesura_protocol.messages import App, Contact, Segment, Vector
 from caesura_protocol.screw_torque_and_text import exerted
-from caesura_protocol.up_direction import UP
 from caesura_service.program.contacts import pushes_back
 from caesura_service.program.joined_strokes import only_touches, stands
 from caesura_service.program.paths import Paths
@@ -44,7 +43,6 @@ class AppGroup:
     moment_at: MomentAt
     force_limit_n: float | None
     paths: Paths | None
-    up: Vector = UP  # away from gravity, base frame
 
     @property
     def contact(self) -> ProgramSegment | None:

@@ -1,7 +1,7 @@
 """Movements against a resistance that gives way: a drawer that is pulled, a box that is pushed.
 
 A press that gives way by more than `ARRIVES_M` has no end against which a robot could press. The robot moves
-along its path, and carries what the fingers hold. A note has the force, which no app exerts.
+along its path, and carries what the fingers hold. The app has the force that was taught, and controls none.
 """
 
 from __future__ import annotations

@@ -21,7 +21,6 @@ from caesura_service.program.program_segment import (
     ENDS,
     OBSERVED_S,
     PUSHES_BACK_N,
-    UNLIKE_N,
     Context,
     Moment,
     MomentAt,
@@ -84,8 +83,8 @@ def base_after(before: ProgramSegment, context: Context) -> Vector:
 def _sprung(way: Segment, context: Context) -> tuple[Array, ...]:
     """Return the forces [N] at both ends of a way on which the force rises or fades, as a spring's does.
 
-    Empty for another way. At a touch the force changes at one end only. A spring's force in the middle is
-    apart from that at both ends by `SPRUNG_SHARE` of the change.
+    Empty for another way. A sensor makes up less than `MOST_WANDER_N`. At a touch the force changes at one
+    end only. A spring's force in the middle is apart from that at both ends by `SPRUNG_SHARE` of the change.
     """
     forces = context.forces(observed(way.t0, way.tn))
     if len(forces) < 2 * ENDS:
@@ -94,7 +93,7 @@ def _sprung(way: Segment, context: Context) -> tuple[Array, ...]:
     first, middle, last = (context.median(forces[at : at + ENDS]) for at in (0, low, high))
     changed = length(last - first)
     apart = min(length(middle - first), length(middle - last))
-    return (first, last) if changed >= UNLIKE_N and apart >= SPRUNG_SHARE * changed else ()
+    return (first, last) if changed >= MOST_WANDER_N and apart >= SPRUNG_SHARE * changed else ()
 
 
 def bias_between(

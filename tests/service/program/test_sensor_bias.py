@@ -102,3 +102,15 @@ def test_the_force_of_a_spring_on_the_way_to_a_press_is_no_bias() -> None:
     )
     presses = [one.force for one in made if one.kind == "apply_force"]
     assert presses == [pytest.approx((0.0, 0.0, -15.0), abs=1.0)]
+
+
+@pytest.mark.parametrize(("risen_n", "newton"), [(6.0, -5.0), (10.0, -15.0)])
+def test_a_bias_that_wanders_on_the_way_to_a_contact_is_no_spring(risen_n: float, newton: float) -> None:
+    """The contour that a UR followed lost its path: its bias had wandered by 5 N on the way there."""
+
+    def at(t: float) -> Moment:
+        return drifted(t, pushed_n=min(t / 2.0, 1.0) * risen_n + (5.0 if t >= 2.0 else 0.0))
+
+    apps = program(segment("motion", 0.0, 2.0), segment("contact", 2.0, 4.0, **held(risen_n + 5.0)), at=at)
+    assert apps[-1].force_taught is not None
+    assert apps[-1].force_taught[2] == pytest.approx(newton, abs=2.0)

@@ -33,6 +33,7 @@ from caesura_protocol.set_downs import ends_in_contact, is_resisted
 from caesura_protocol.up_direction import UP
 from caesura_service.constants import GRAVITY, REST_M_PER_S
 from caesura_service.program.carried_loads import hangs
+from caesura_service.program.largest_parts import largest_parts
 from caesura_service.program.program_segment import OBSERVED_S, PUSHES_BACK_N, Moment, MomentAt, length
 
 WIGGLED = 10  # steps between observations, one second
@@ -126,10 +127,7 @@ def detours(apps: Iterable[App], times: Array, poses: Array) -> Iterator[str]:
     for t0, tn, pushes in _parts_without_path(apps, float(times[0]), float(times[-1])):
         part = _between(t0, tn, times, poses)
         found += [*_detours_in(*part, turns_only=pushes)] or _wiggle_in(*part)
-    widest = sorted(found, key=lambda one: one.size)[-NAMED:]
-    yield from (one.text for one in found if one in widest)
-    if rest := len(found) - len(widest):
-        yield f"{rest} lesser detours"
+    yield from largest_parts(found, lambda one: one.size, lambda one: one.text, NAMED, "lesser detours")
 
 
 def _parts_without_path(
@@ -243,13 +241,13 @@ def _touches(segments: Sequence[Segment], apps: Sequence[App], up: Vector) -> It
             if _is_other(_newtons(steps), max(beside, default=0.0)) and not _is_weight(steps, weight_n, up):
                 lost.append(steps)
         place = end
-    strongest = sorted(lost, key=_newtons)[-NAMED:]
-    for steps in lost:
-        if steps in strongest:
-            when = interval(steps[0].t0, steps[-1].tn, 1)
-            yield f"a contact of {fixed(_newtons(steps), 1)} N at {when} s"
-    if rest := len(lost) - len(strongest):
-        yield f"{rest} weaker contacts"
+    yield from largest_parts(lost, _newtons, _contact_in_words, NAMED, "weaker contacts")
+
+
+def _contact_in_words(steps: Sequence[Segment]) -> str:
+    """Return text on the consecutive segments of a contact."""
+    when = interval(steps[0].t0, steps[-1].tn, 1)
+    return f"a contact of {fixed(_newtons(steps), 1)} N at {when} s"
 
 
 def _pressed_n(app: App, segments: Sequence[Segment]) -> float:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.number_words import fixed, interval
+from caesura_service.program.largest_parts import largest_parts
 from caesura_service.program.program_segment import GripperAction
 
 Array = NDArray[np.float64]
@@ -64,12 +65,9 @@ def missed_finger_motion(
     """
     seen = _off_the_events(times, openings, grips)
     missed = [*seen, *(one for one in map(_Motion._make, excursions) if not any(map(one.overlaps, seen)))]
-    widest = sorted(missed, key=_Motion.size)[-NAMED:]
-    for one in sorted(missed):
-        if one in widest:
-            yield one.text()
-    if rest := len(missed) - len(widest):
-        yield f"{rest} shorter motions of the fingers"
+    yield from largest_parts(
+        sorted(missed), _Motion.size, _Motion.text, NAMED, "shorter motions of the fingers"
+    )
 
 
 def _off_the_events(times: Array, openings: Array, grips: Sequence[GripperAction]) -> list[_Motion]:

@@ -14,6 +14,7 @@ from caesura_protocol.messages import App
 from caesura_protocol.number_words import fixed, interval
 from caesura_protocol.set_downs import is_resisted
 from caesura_service.constants import TARED_BIAS_N
+from caesura_service.program.largest_parts import largest_parts
 from caesura_service.program.program_segment import OBSERVED_S, ROUNDED_S, MomentAt, observed
 
 LASTS = 5  # observations in a row, half a second: what is touched in passing is felt for less
@@ -33,6 +34,10 @@ class _Touch(NamedTuple):
     t0: float  # [s]
     tn: float  # [s]
     newton: float
+
+    def text(self) -> str:
+        """Return the force and its time as text."""
+        return f"{fixed(self.newton, 1)} N at {interval(self.t0, self.tn, 1)} s"
 
 
 def missed_touches_note(
@@ -55,14 +60,9 @@ def missed_touches_note(
     found = list(_touches(times, forces - np.concatenate(air or [forces])))
     if not found:
         return None
-    strongest = sorted(found, key=lambda one: one.newton)[-NAMED:]
-    said = [
-        f"{fixed(one.newton, 1)} N at {interval(one.t0, one.tn, 1)} s" for one in found if one in strongest
-    ]
-    said += [f"{len(found) - NAMED} weaker ones"] if len(found) > NAMED else []
+    said = "; ".join(largest_parts(found, lambda one: one.newton, _Touch.text, NAMED, "weaker ones"))
     return (
-        f"Felt where no contact was found, and in no app: {'; '.join(said)}. Press harder where the robot is "
-        "to press."
+        f"Felt where no contact was found, and in no app: {said}. Press harder where the robot is to press."
     )
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from operator import mul
 
 import numpy as np
@@ -31,6 +30,7 @@ from caesura_service.program.program_segment import (
     joined_where,
     length,
     observed,
+    parts_at,
 )
 
 HANGING_N, HANGING_ASIDE, HANGING_SD_N = 1.5, 0.6, 1.0  # a load's weight, what is aside of it, its error
@@ -40,7 +40,6 @@ NOWHERE = {  # how far [m] and by how much [rad] a step leads at least, by kind;
     "motion": (TOLERANCE_M, TOLERANCE_RAD),
 }
 STANDS_S = 1.0  # a load that rests for longer where it was gripped is held there on purpose
-SPAN = ("t0", "tn", "position_start", "position_end")  # fields of a segment that a part has of its own
 
 
 def divided_at_grips(
@@ -57,7 +56,7 @@ def divided_at_grips(
         segment = step.segment
         inside = [t for t in apart if segment.t0 < t < segment.tn]
         whole = not inside or step.touches or segment.corrected or segment.kind == "turning"
-        parts = [] if whole else _parts(step, inside, context)
+        parts = [] if whole else parts_at(step, inside, context.moment_at)
         divided += parts if any(part.lasts(least_s) for part in parts) else [step]
     return divided
 
@@ -68,17 +67,6 @@ def away_from_contacts(
     """Return the gripper actions that belong to no contact of `least_s` [s] or longer."""
     contacts = [step.segment for step in steps if step.touches and step.lasts(least_s)]
     return [grip for grip in grips if not any(grip.is_near(one.t0, one.tn) for one in contacts)]
-
-
-def _parts(step: ProgramSegment, times: Sequence[float], context: Context) -> list[ProgramSegment]:
-    """Return the parts of a step between times [s] inside of it."""
-    first = step.segment
-    ends = [(first.t0, first.position_start), *((t, context.moment_at(t).position) for t in times)]
-    spans = pairwise([*ends, (first.tn, first.position_end)])
-    return [
-        replace(step, segment=first.model_copy(update=dict(zip(SPAN, (t0, tn, here, there), strict=True))))
-        for (t0, here), (tn, there) in spans
-    ]
 
 
 def in_hand(step: ProgramSegment, from_air: bool, context: Context) -> ProgramSegment:

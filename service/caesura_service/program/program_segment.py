@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from operator import mul
 from typing import Literal
 
@@ -25,6 +26,7 @@ ARRIVES_M = 0.05  # nothing is pressed in so far: a movement that ends in a pres
 ACROSS_M, ACROSS_SHARE = 0.015, 1.0  # a stroke along a surface is longer than this, and pushes nothing in
 ENDS = 3  # observations at each end of a way, of which the median is the force there
 GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
+SPAN = ("t0", "tn", "position_start", "position_end")  # fields of a segment that a part has of its own
 KINDS = {
     ("motion", "free"): "motion",
     ("steady", "free"): "steady",
@@ -258,16 +260,23 @@ def average(steps: Sequence[ProgramSegment], name: Literal["load_kg", "load_sd_k
     return weighted / sum(seconds)
 
 
+def parts_at(step: ProgramSegment, times: Sequence[float], moment_at: MomentAt) -> list[ProgramSegment]:
+    """Return the parts of a step between times [s] inside of it."""
+    first = step.segment
+    ends = [(first.t0, first.position_start), *((t, moment_at(t).position) for t in times)]
+    spans = pairwise([*ends, (first.tn, first.position_end)])
+    return [
+        replace(step, segment=first.model_copy(update=dict(zip(SPAN, (t0, tn, here, there), strict=True))))
+        for (t0, here), (tn, there) in spans
+    ]
+
+
 def divided_at(step: ProgramSegment, t: float, moment_at: MomentAt) -> tuple[ProgramSegment, ProgramSegment]:
     """Return the parts of a contact before and after a time [s] in it, the second with its own force."""
-    there, first = moment_at(t).position, step.segment
-    later = [force for at in observed(t, first.tn) if (force := moment_at(at).force) is not None]
-    ends = {"t0": t, "position_start": there}
-    ends |= {"force_held": tuple(medians(np.array(later)).tolist())} if later else {}
-    before = first.model_copy(update={"tn": t, "position_end": there})
-    return replace(step, segment=before), replace(
-        step, segment=first.model_copy(update=ends), rests_before=(), approach=()
-    )
+    before, after = parts_at(step, [t], moment_at)
+    later = [force for at in observed(t, step.segment.tn) if (force := moment_at(at).force) is not None]
+    held = {"force_held": tuple(medians(np.array(later)).tolist())} if later else {}
+    return before, replace(after, segment=after.segment.model_copy(update=held), rests_before=(), approach=())
 
 
 def carried_weight(segment: Segment, context: Context) -> NDArray[np.float64]:

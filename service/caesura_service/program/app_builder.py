@@ -132,7 +132,7 @@ def _motions(group: AppGroup) -> Iterable[App]:
     touches = _meets(group)
     for step in group.steps:
         if step.is_resisted:
-            yield group.moving("cartesian_motion", step, changes=_resisted(step))
+            yield group.moving("cartesian_motion", step, changes=_taught(step))
         elif touches and step is group.steps[-1]:
             yield group.moving("move_to_contact", step, group.touch())
         elif step.segment.kind == "turning" and (end := group.rest(step)) is not None:
@@ -178,7 +178,7 @@ def _contacts(group: AppGroup) -> Iterable[App]:
         group.grips.remove(grip)
         confidence, indices = min(step.confidence for step in group.steps), [one.index for one in group.steps]
         gripping = _grip_app(grip, begun, ended, group.moment_at, group.paths, confidence, indices)
-        yield gripping.model_copy(update={"force_taught": _forces(hardest.force, None)["force_taught"]})
+        yield gripping.model_copy(update=_taught(hardest))
     first = group.steps[0]
     if group.is_approached(first) and not mine:
         yield group.moving("move_to_contact", first, group.touched(first))
@@ -332,12 +332,12 @@ def _carries(group: AppGroup) -> Iterable[App]:
             ends = sets_down and step is group.steps[-1]
             end = group.touch() if ends else None
             still = _holds_still(step, end)
-            taught = _resisted(step) if step.is_resisted and not still else {}
+            taught = _taught(step) if step.is_resisted and not still else {}
             yield group.moving("hold" if still else "transport", step, end, load | taught)
 
 
-def _resisted(step: ProgramSegment) -> dict[str, object]:
-    """Return the field `force_taught` of a movement against a resistance, which it does not exert."""
+def _taught(step: ProgramSegment) -> dict[str, object]:
+    """Return the field `force_taught` of an app that does not exert the force of a step."""
     return {"force_taught": _forces(step.force, None)["force_taught"]}
 
 

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from caesura_service.program.carried_loads import STANDS_S, as_carry_of
 from caesura_service.program.contacts import touched_at
@@ -98,16 +99,15 @@ def _gives_way(step: ProgramSegment, context: Context) -> bool:
 
 def _is_pulled(step: ProgramSegment, context: Context) -> bool:
     """Return whether what is carried is pulled back at its end, on `ARRIVES_M` or more of its way."""
-    seen = [context.moment_at(t) for t in observed(step.segment.t0, step.segment.tn)]
-    forces = np.array([one.force for one in seen if one.force is not None])
-    if len(forces) < max(len(seen), ENDS):
+    places, forces = _way(step, context)
+    if len(forces) < ENDS:
         return False
     pulls = forces - carried_weight(step.segment, context)
     last = context.median(pulls[-ENDS:])
     along = last / max(length(last), 1e-12)
     slack = np.flatnonzero(pulls @ along < PUSHES_BACK_N)
-    begun = seen[min(int(slack[-1]) + 1, len(seen) - 1) if len(slack) else 0]
-    way = np.subtract(step.segment.position_end, begun.position)
+    begun = places[min(int(slack[-1]) + 1, len(places) - 1) if len(slack) else 0]
+    way = np.subtract(step.segment.position_end, begun)
     return length(last) >= UNLIKE_N and float(way @ along) <= -ARRIVES_M
 
 
@@ -117,14 +117,24 @@ def _pushes(step: ProgramSegment, context: Context) -> bool:
     A tool that follows a surface presses on it. With a force across of `PUSHES_ASIDE` or more of that along
     the way, the friction coefficient is at most 2.
     """
-    seen = [context.moment_at(t) for t in observed(step.segment.t0, step.segment.tn)]
-    felt = np.array([np.subtract(one.force, step.base) for one in seen if one.force is not None])
-    if len(felt) < max(len(seen), 2):
+    places, felt = _way(step, context)
+    if len(felt) < 2:
         return False
-    ways, forces = np.diff([one.position for one in seen], axis=0), 0.5 * (felt[1:] + felt[:-1])
+    felt = felt - step.base
+    ways, forces = np.diff(places, axis=0), 0.5 * (felt[1:] + felt[:-1])
     work = -float(np.vecdot(ways, forces).sum())
     across = np.linalg.norm(np.cross(ways, forces), axis=1).sum()
     return bool(across < PUSHES_ASIDE * work)
+
+
+def _way(step: ProgramSegment, context: Context) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the positions (n, 3) [m] and forces (n, 3) [N] on the way of a step.
+
+    The forces are (0, 3) if one of them is unknown.
+    """
+    times = observed(step.segment.t0, step.segment.tn)
+    places, forces = np.array([context.moment_at(t).position for t in times]), context.forces(times)
+    return places, forces if len(forces) == len(times) else forces[:0]
 
 
 def _carried(step: ProgramSegment, context: Context) -> ProgramSegment:

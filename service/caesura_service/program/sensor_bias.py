@@ -86,11 +86,12 @@ def _sprung(way: Segment, context: Context) -> tuple[Array, ...]:
     Empty for another way. A sensor makes up less than `MOST_WANDER_N`. At a touch the force changes at one
     end only. A spring's force in the middle is apart from that at both ends by `SPRUNG_SHARE` of the change.
     """
-    forces = context.forces(observed(way.t0, way.tn))
-    if len(forces) < 2 * ENDS:
+    times = observed(way.t0, way.tn)
+    low, high = (len(times) - ENDS) // 2, len(times) - ENDS
+    read = [context.forces(times[at : at + ENDS]) for at in (0, low, high)] if len(times) >= 2 * ENDS else []
+    if not read or min(map(len, read)) < ENDS:
         return ()
-    low, high = (len(forces) - ENDS) // 2, len(forces) - ENDS
-    first, middle, last = (context.median(forces[at : at + ENDS]) for at in (0, low, high))
+    first, middle, last = map(context.median, read)
     changed = length(last - first)
     apart = min(length(middle - first), length(middle - last))
     return (first, last) if changed >= MOST_WANDER_N and apart >= SPRUNG_SHARE * changed else ()

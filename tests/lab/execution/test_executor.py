@@ -271,14 +271,20 @@ def test_a_press_whose_bottom_lies_deeper_meets_it_gently(robot: Robot) -> None:
     assert pushed[-1] == pytest.approx(20.0, abs=1.0)
 
 
-def test_what_sinks_under_its_resistance_is_pressed_with_the_force_that_was_asked_for(robot: Robot) -> None:
-    """A peg was pressed with 3 N less all the way, because a correction from before it sank stayed."""
+def pressing_over_a_hole(robot: Robot) -> tuple[SimulatedArm, SkillController]:
+    """A peg over its hole, 1 mm above the rim, that has pressed with 8 N for half a second."""
     scenario = SCENARIOS["peg"]
     hole = replace(scenario, start=(*HOLE_PLACE[:2], HOLE_PLACE[2] + 1e-3))
     arm = SimulatedArm(robot, CellSimulation(hole, 0.25))
     controller = SkillController(arm, DEFAULT)
     controller.contact_direction = np.array([0.0, 0.0, -1.0])
     controller.press(8.0, 0.5)
+    return arm, controller
+
+
+def test_what_sinks_under_its_resistance_is_pressed_with_the_force_that_was_asked_for(robot: Robot) -> None:
+    """A peg was pressed with 3 N less all the way, because a correction from before it sank stayed."""
+    arm, controller = pressing_over_a_hole(robot)
     controller._correction_n = -4.0
     begun = arm.t
     controller.press(18.0, 2.0, depth_m=HOLE_FLOOR_M)
@@ -288,12 +294,7 @@ def test_what_sinks_under_its_resistance_is_pressed_with_the_force_that_was_aske
 
 def test_the_bottom_of_a_hole_is_met_without_what_overcame_the_damping_on_the_way(robot: Robot) -> None:
     """It was pressed with that force beside the impact: a run on an iiwa14 was stopped there."""
-    scenario = SCENARIOS["peg"]
-    hole = replace(scenario, start=(*HOLE_PLACE[:2], HOLE_PLACE[2] + 1e-3))
-    arm = SimulatedArm(robot, CellSimulation(hole, 0.25))
-    controller = SkillController(arm, DEFAULT)
-    controller.contact_direction = np.array([0.0, 0.0, -1.0])
-    controller.press(8.0, 0.5)
+    arm, controller = pressing_over_a_hole(robot)
     controller.press(20.0, 1.5, depth_m=HOLE_FLOOR_M)
     assert arm.trace().contact[:, 2].max() < 24.5
 

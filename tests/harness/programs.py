@@ -86,6 +86,14 @@ def pick_and_place() -> tuple[App, ...]:
     )
 
 
+def squeezed() -> tuple[App, ...]:
+    """What is grasped at 50 mm is squeezed to 30 mm on its way, and the grip is eased again."""
+    reach, grasp, lift, carry, *rest = pick_and_place()
+    taken = grasp.model_copy(update={"target": lift.target, "t0": lift.tn, "tn": lift.tn})
+    grips = (taken.model_copy(update={"gripper_width": width}) for width in (0.03, grasp.gripper_width))
+    return (reach, grasp, lift, *grips, carry, *rest)
+
+
 def press() -> tuple[App, ...]:
     """In the cell of the scenario `dispenser`."""
     return (

@@ -9,8 +9,9 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import repeat
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
@@ -25,6 +26,7 @@ from caesura_protocol.programs.app_time_shifts import edited_times
 from caesura_protocol.programs.apps_by_phase import Group, edited_group_notes, groups_of
 from caesura_protocol.programs.default_safety import re_targeted, safety_for
 from caesura_protocol.programs.document_timing import ProgramTiming
+from caesura_protocol.programs.held_grasps import held_grasps
 from caesura_protocol.programs.safety import DEFAULT, Safety
 from caesura_protocol.robots import robot_description
 from caesura_protocol.validation_words import Place, dotted, first_finding
@@ -112,10 +114,7 @@ def document(program: Program, safety: Safety | None = None, phases: Sequence[Ph
     which its apps are grouped.
     """
     times = edited_times(program.apps, program.gaps, program.edits)
-    if times is None:
-        apps = tuple(_step(app) for app in program.apps)
-    else:
-        apps = tuple(map(_step, times.apps, times.follows))
+    apps = _steps(program.apps) if times is None else _steps(times.apps, times.follows)
     safety = safety_for(program.robot) if safety is None else safety
     if program.force_limit_n is not None:
         safety = safety.model_copy(update={"force_n": program.force_limit_n})
@@ -145,8 +144,7 @@ def document_of_apps(apps: tuple[App, ...], name: str, safety: Safety = DEFAULT)
     """Return the program of a recording without a station; the name is converted to a valid session name."""
     name = re.sub(r"[^a-z0-9_-]+", "-", name.lower()).strip("-_")[:64] or "recording"
     t = max((app.tn for app in apps), default=0.0)
-    steps = tuple(_step(app) for app in apps)
-    return ProgramFile(station="file", session=name, instance="file", t=t, safety=safety, apps=steps)
+    return ProgramFile(station="file", session=name, instance="file", t=t, safety=safety, apps=_steps(apps))
 
 
 def in_cell(program: ProgramFile, safety: Safety) -> ProgramFile:
@@ -268,6 +266,15 @@ def _place_in(content: dict[str, Any], place: Place) -> str:
     return f"{name}: {dotted(place[2:])}" if place[2:] else name
 
 
-def _step(app: App, follows: bool = True) -> ProgramStep:
-    facts = {"preconditions": APP_KINDS[app.kind].preconditions, "follows": follows}
-    return ProgramStep.model_validate(app.model_dump() | facts)
+def _steps(apps: Sequence[App], follows: Iterable[bool] = repeat(True)) -> tuple[ProgramStep, ...]:
+    """Return apps as steps; follows: whether each follows the app before it as when they were taught.
+
+    A grasp that changes the grip on what is held must hold it.
+    """
+    steps = []
+    for app, held, after in zip(apps, held_grasps(apps), follows, strict=False):
+        regrips = app.kind == "grasp" and held is not None
+        preconditions = ("holding",) if regrips else APP_KINDS[app.kind].preconditions
+        facts = {"preconditions": preconditions, "follows": after}
+        steps.append(ProgramStep.model_validate(app.model_dump() | facts))
+    return tuple(steps)

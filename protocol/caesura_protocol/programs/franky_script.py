@@ -16,6 +16,7 @@ from caesura_protocol.programs.app_time_shifts import goes_on, rests_of
 from caesura_protocol.programs.contact_forces import force_in_tool, without_friction
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.export_limits import limits, refuse_beyond_limits
+from caesura_protocol.programs.held_grasps import eased_grasps
 from caesura_protocol.programs.program_gripper import gripper_of, not_driven, with_held_loads
 from caesura_protocol.programs.script_templates import (
     felt_with_friction,
@@ -70,12 +71,14 @@ def _rows(apps: Sequence[ProgramStep]) -> list[dict[str, Any]]:
     """Return the data of each app that the script needs.
 
     An app without a stop at its target has `goes_on`, the velocities there; a carry that a contact ends has
-    `sets_down`.
+    `sets_down`; a grasp that opens the fingers around what is held `eases`.
     """
-    rows = []
+    rows, eased = [], eased_grasps(apps)
     around = zip(apps, [*apps[1:], None], [*apps[2:], None, None], strict=False)
-    for app, following, after in around:
+    for index, (app, following, after) in enumerate(around):
         row = _row(app)
+        if index in eased:
+            row["eases"] = True
         if app.path is not None and _is_passed(app, following, after):
             row["goes_on"] = tuple(map(_rounded, (app.path.end_velocity, app.path.end_angular_velocity)))
         if APP_KINDS[app.kind].carries and ends_in_contact(app, following):

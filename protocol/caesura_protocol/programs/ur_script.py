@@ -24,6 +24,7 @@ from caesura_protocol.programs.export_limits import (
     refuse_beyond_limits,
     within_robot,
 )
+from caesura_protocol.programs.held_grasps import eased_grasps
 from caesura_protocol.programs.planned_apps import LEAST_PAUSE_S, PlannedApp, planned_apps
 from caesura_protocol.programs.program_gripper import GRIPS, gripper_of, not_driven, with_held_loads
 from caesura_protocol.programs.script_templates import (
@@ -106,6 +107,7 @@ class _Writer:
 
     def __init__(self, program: ProgramFile) -> None:
         self._gripper = gripper_of(program)
+        self._eased = eased_grasps(program.apps)
         self._comments, self._groups = findings_as_comments(program), group_comments(program)
 
     def lines(self, planned: PlannedApp) -> list[str]:
@@ -207,7 +209,7 @@ class _Writer:
         if held_by is None or calls is None:
             raise ValueError(not_driven(planned.name, "URScript", held_by, GRIPPER_CALLS))
         lines = [] if planned.stands is None else [f"check_stands({_list(planned.stands)})"]
-        lines += calls(held_by, planned.app)
+        lines += calls(held_by, planned.app, planned.place in self._eased)
         return [*lines, *(["carry(0.0)"] if planned.app.kind == "gripper_move" else [])]
 
 
@@ -300,23 +302,25 @@ def _z_along(direction: Vector) -> Quaternion:
 # --- Grippers ---------------------------------------------------------------------------------------------
 
 
-def _robotiq(held_by: GripperDescription, app: App) -> list[str]:
+def _robotiq(held_by: GripperDescription, app: App, eases: bool) -> list[str]:
     width = app.gripper_width
+    opened = [f"gripper_go({held_by.count(held_by.opening_m or 0.0 if width is None else width)})"]
     if app.kind == "grasp":
         count = held_by.count(max((width or 0.0) - WIDTH_MARGIN_M, 0.0))
         return [
+            *(opened if eases else []),  # a grasp only closes the fingers
             f"if gripper_go({count}) != 2:",
             f'{INDENT}stop_program("nothing between the fingers")',
             "end",
         ]
-    return [f"gripper_go({held_by.count(held_by.opening_m or 0.0 if width is None else width)})"]
+    return opened
 
 
-def _digital_output(held_by: GripperDescription, app: App) -> list[str]:
+def _digital_output(held_by: GripperDescription, app: App, _eases: bool) -> list[str]:
     return [f"set_standard_digital_out({held_by.output}, {app.kind == 'grasp'})", "sleep(0.5)"]
 
 
-GRIPPER_CALLS: Mapping[str, Callable[[GripperDescription, App], list[str]]] = {
+GRIPPER_CALLS: Mapping[str, Callable[[GripperDescription, App, bool], list[str]]] = {
     "robotiq": _robotiq,
     "digital_output": _digital_output,
 }

@@ -16,6 +16,7 @@ from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.contact_forces import force_in_tool, orientation_halfway, without_friction
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.export_limits import acting_limits, refuse_beyond_limits, within_robot
+from caesura_protocol.programs.held_grasps import eased_grasps
 from caesura_protocol.programs.planned_apps import PlannedApp, planned_apps
 from caesura_protocol.programs.program_gripper import GRIPS, gripper_of, not_driven, with_held_loads
 from caesura_protocol.programs.safety import Safety
@@ -103,13 +104,23 @@ def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
         for name, rest in (("wait_force", app.rest_before), ("hold_force", app.rest_after)):
             if rest is not None:
                 row[name] = frame, axis, round(math.copysign(rest.newton, newtons), 3)
-    if planned.stands is not None:
-        row["stands"] = tuple(map(_rounded, planned.stands))
     if app.kind in GRIPS:
-        row["fingers"] = _fingers(planned, gripper_of(program), program.safety)
+        row |= _grip(planned, program)
     most_nm = stop_torque_nm(app.screw)
     if app.screw is not None and most_nm is not None:
         row["tight"] = tuple(app.screw.axis), tuple(app.screw.point), _rounded(most_nm)
+    return row
+
+
+def _grip(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
+    """Return the data of an action of the gripper; a grasp that eases the grip opens the fingers first."""
+    held_by = gripper_of(program)
+    row: dict[str, Any] = {"fingers": _fingers(planned, held_by, program.safety)}
+    if planned.stands is not None:
+        row["stands"] = tuple(map(_rounded, planned.stands))
+    if planned.place in eased_grasps(program.apps):
+        opened = planned._replace(app=planned.app.model_copy(update={"kind": "gripper_move"}))
+        row["eased"] = _fingers(opened, held_by, program.safety)
     return row
 
 

@@ -15,12 +15,14 @@ from caesura_service.program.missed_touches import missed_touches_note
 from caesura_service.program.paths import Paths
 from caesura_service.program.program_segment import (
     GRIP_SLACK_S,
+    Context,
     GripperAction,
     Moment,
     MomentAt,
     ProgramSegment,
     holds,
 )
+from caesura_service.program.regrips import with_regrips
 from caesura_service.program.segment_interpretation import kept_steps
 
 __all__ = [
@@ -29,6 +31,7 @@ __all__ = [
     "GRIP_SLACK_S",
     "TOLERANCE_M",
     "TOLERANCE_RAD",
+    "Context",
     "Gaps",
     "GripperAction",
     "Moment",
@@ -49,4 +52,5 @@ __all__ = [
     "missed_touches_note",
     "observed_share",
     "task_program",
+    "with_regrips",
 ]

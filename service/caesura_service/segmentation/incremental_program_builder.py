@@ -24,6 +24,7 @@ from caesura_protocol.up_direction import UP
 from caesura_service.cooperative_scheduler import give_way
 from caesura_service.program import (
     GRIP_SLACK_S,
+    Context,
     GripperAction,
     Moment,
     MomentAt,
@@ -36,6 +37,7 @@ from caesura_service.program import (
     may_end_movement,
     may_press_in,
     task_program,
+    with_regrips,
 )
 from caesura_service.segmentation.encoded_log import EncodedMessageLog, MessageSequence
 
@@ -46,7 +48,7 @@ MOST_UNQUIET = 500
 
 @dataclass
 class IncrementalProgramBuilder:
-    """Builds apps from segments as `task_program` does, with the same result."""
+    """Builds apps from segments as `task_program` does with gripper actions that `with_regrips` returns."""
 
     moment_at: MomentAt
     least_s: float
@@ -76,9 +78,10 @@ class IncrementalProgramBuilder:
         grips and gaps: all known ones, in time order. If a new grip lies before `since`, the caller must
         start with a new builder.
         """
-        grips = _from_last_before(grips, steps[0].segment.t0 - GRIP_SLACK_S) if steps else grips
-        rest = [grip for grip in grips if grip.t > self.since]
         self._seen_until = steps[-1].segment.t0 if steps else -np.inf
+        grips = _from_last_before(grips, steps[0].segment.t0 - GRIP_SLACK_S) if steps else grips
+        grips = with_regrips(steps, Context(grips, self._moment, self.up))
+        rest = [grip for grip in grips if grip.t > self.since]
         begin, settled = 0, settled - self.first
         while quiet := self._quiet(steps, begin, settled, rest, grips):
             place = steps[quiet]

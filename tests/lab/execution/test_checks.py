@@ -96,7 +96,10 @@ def without(index: int) -> Callable[[Apps], Apps]:
             r"app 6 .*point at 10.1 s, expected after .* at 10.1 s",
         ),
         (without(4), r"app 2 \(grasp\): grasps what is never released"),
-        (lambda a: (*a[:3], a[1].model_copy(update={"t0": 5.8, "tn": 6.0}), *a[3:]), "held already"),
+        (
+            lambda a: (*a[:3], a[1].model_copy(update={"t0": 5.8, "tn": 6.0}), *a[3:]),
+            "holds something already",
+        ),
     ],
 )
 def test_what_cannot_be_run_is_refused_by_name(

@@ -18,7 +18,17 @@ from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.export_limits import CONSTANTS
 from caesura_protocol.programs.franky_script import franky_script
 from caesura_protocol.programs.safety import Safety
-from harness.programs import DOWN, app, as_file, curved, path_from, pick_and_place, press, set_down_at_once
+from harness.programs import (
+    DOWN,
+    app,
+    as_file,
+    curved,
+    path_from,
+    pick_and_place,
+    press,
+    set_down_at_once,
+    squeezed,
+)
 
 from . import fake_franky
 from .franky_runs import module_of, motions, over_surface, run, stopped
@@ -59,6 +69,19 @@ def test_pick_and_place_grips_carries_its_load_and_lets_it_go() -> None:
         1,
         0,
     ]  # a contact ends the approach, and setting down; the others go to their targets
+
+
+def test_a_grip_is_eased_by_opening_the_fingers_and_grasping_again() -> None:
+    calls = run(as_file(squeezed()))
+    fingers = [(name, width["width"]) for name, width in calls if name in ("grasp", "fingers")]
+    assert fingers == [
+        ("grasp", 0.05),
+        ("grasp", 0.03),
+        ("fingers", 0.05),
+        ("grasp", 0.05),
+        ("fingers", 0.08),
+    ]
+    assert [load["kg"] for name, load in calls if name == "load"][-2:] == [0.25, 0.0]
 
 
 def test_a_contact_that_ends_is_left_before_another_one_is_looked_for() -> None:

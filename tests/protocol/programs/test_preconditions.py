@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from caesura_protocol.messages import Quaternion
 from caesura_protocol.programs.checks import order_findings
-from harness.programs import DOWN, move, pick_and_place, press
+from harness.programs import DOWN, as_file, move, pick_and_place, press, squeezed
 
 
 def leaned(degrees: float) -> Quaternion:
@@ -67,3 +67,31 @@ def test_fingers_that_are_shut_release_nothing(width_m: float | None, is_refused
     shut = opened.model_copy(update={"gripper_width": width_m})
     found = [one.index for one in order_findings((first, shut, first, opened))]
     assert found == ([1] if is_refused else [])
+
+
+def test_what_is_held_may_be_squeezed_and_the_grip_eased() -> None:
+    """A pipette that was squeezed could not be run: something was held already."""
+    apps = squeezed()
+    squeeze, ease = order_findings(apps)
+    assert [(one.severity, one.index) for one in (squeeze, ease)] == [("warning", 3), ("warning", 4)]
+    assert squeeze.reason.startswith("closes from 50 to 30 mm on what app 2 (grasp) holds")
+    assert ease.reason.startswith("opens from 30 to 50 mm and keeps what app 2 (grasp) holds")
+    preconditions = [app.preconditions for app in as_file(apps).apps if app.kind == "grasp"]
+    assert preconditions == [("not_holding",), ("holding",), ("holding",)]
+
+
+def test_where_nothing_was_weighed_a_second_grasp_may_be_the_first_one() -> None:
+    reach, grasp, lift, squeeze, *rest = squeezed()
+    light = lift.model_copy(update={"load_kg": None})
+    named = "If that grasp holds nothing, make it a 'move gripper'"
+    assert order_findings((reach, grasp, light, squeeze, *rest))[0].reason.endswith(named)
+    assert named not in order_findings(squeezed())[0].reason
+
+
+@pytest.mark.parametrize("width", [0.05, 0.06, None])
+def test_what_is_held_is_not_grasped_as_wide_again(width: float | None) -> None:
+    reach, grasp, lift, squeeze, _, *rest = squeezed()
+    other = squeeze.model_copy(update={"gripper_width": width})
+    (found,) = order_findings((reach, grasp, lift, other, *rest))
+    assert (found.severity, found.index) == ("error", 3)
+    assert found.reason.startswith("grasps, but app 2 (grasp) holds something already")

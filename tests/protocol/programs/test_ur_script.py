@@ -31,6 +31,7 @@ from harness.programs import (
     pressed_harder_before,
     set_down_at_once,
     slid,
+    squeezed,
     wiped,
 )
 
@@ -110,6 +111,12 @@ def test_pick_and_place_grips_carries_its_load_and_lets_it_go():
     of_tool, carrying = [0.0, 0.0, 0.05], [0.25 * 0.01 / 1.15, 0.0, (0.9 * 0.05 + 0.25 * 0.16) / 1.15]
     centres = [one["cog"] for one in controller.named("set_payload")]
     assert centres == [pytest.approx(carrying), of_tool]
+
+
+def test_a_grip_is_eased_by_opening_the_fingers_and_grasping_again():
+    controller = played(on_ur(squeezed()), table_m=0.11)
+    counts = [one["value"] for one in controller.named("socket_set_var") if one["name"] == "POS"]
+    assert counts == [123, 177, 96, 123, 16]  # 40, 20, 50, 40 and 80 mm of 85
 
 
 @pytest.mark.parametrize(

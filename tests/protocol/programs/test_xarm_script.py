@@ -14,7 +14,7 @@ import pytest
 from caesura_protocol.messages import ScrewMotion
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.xarm_script import xarm_script
-from harness.programs import circle, path_from, pick_and_place, press, set_down_at_once, slid
+from harness.programs import circle, path_from, pick_and_place, press, set_down_at_once, slid, squeezed
 
 from .xarm_runs import Arm, MovingArm, module_of, moved, on_xarm, run, stopped
 
@@ -108,6 +108,12 @@ def test_pick_and_place_grips_carries_its_load_and_lets_it_go():
     loads = [(call.args[0], call.args[1]) for call in arm.calls("set_tcp_load")]
     carrying = pytest.approx([0.0, 0.0, (0.8 * 50.0 + 0.25 * 172.0) / 1.05])
     assert loads == [(pytest.approx(1.05), carrying), (0.8, [0.0, 0.0, 50.0])]
+
+
+def test_a_grip_is_eased_by_opening_the_fingers_and_grasping_again():
+    arm = run(on_xarm(squeezed()), table_m=0.11)
+    counts = [call.args[0] for call in arm.calls("robotiq_set_position")]
+    assert counts == [123, 177, 96, 123, 16]  # 40, 20, 50, 40 and 80 mm of 85
 
 
 def test_a_gripper_that_is_activated_is_not_activated_again():

@@ -14,9 +14,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from caesura_protocol.messages import Gap, Segment
+from caesura_protocol.messages import App, Gap, Segment
 from caesura_service.changepoint.presets import PRESETS
-from caesura_service.program import GripperAction, Moment, ProgramSegment, task_program
+from caesura_service.program import Context, GripperAction, Moment, ProgramSegment, task_program, with_regrips
 from caesura_service.segmentation import incremental_program_builder
 from caesura_service.segmentation.incremental_program_builder import IncrementalProgramBuilder
 
@@ -82,6 +82,14 @@ def rests(n: int) -> list[ProgramSegment]:
     ]
 
 
+def program_of(
+    steps: Sequence[ProgramSegment], grips: Sequence[GripperAction], gaps: Sequence[Gap]
+) -> Sequence[App]:
+    """From all segments at once."""
+    read = with_regrips(steps, Context(grips, moment_at))
+    return task_program(steps, read, moment_at, least_s=0.3, gaps=gaps)
+
+
 def gaps_between(steps: list[ProgramSegment]) -> list[Gap]:
     """What was not observed, a little shorter than the time between the segments, as conditioning has it."""
     pairs = [(before.segment.tn, after.segment.t0) for before, after in pairwise(steps)]
@@ -102,7 +110,7 @@ def test_it_is_the_program_of_all_segments_at_once(seed: int, gripping: int, hol
         gaps = gaps_between(steps[:now])
         settled = max(now - int(rng.integers(4)), growing.first)
         apps = growing.apps(steps[growing.first : now], settled, seen, gaps)
-        assert apps == task_program(steps[:now], seen, moment_at, least_s=0.3, gaps=gaps)
+        assert apps == program_of(steps[:now], seen, gaps)
 
 
 @settings(max_examples=15, deadline=None, derandomize=True)
@@ -144,19 +152,30 @@ def test_a_carry_with_empty_fingers_goes_on_a_movement(
     grow_with_fingers(seed, n=60, every=every, kinds=kinds, lengths=lengths)
 
 
-def grow_with_fingers(seed: int, n: int, every: int, **of_segments: Any) -> None:
+@settings(max_examples=20, deadline=None, derandomize=True)
+@given(st.integers(0, 2**32 - 1))
+def test_it_is_that_program_where_a_grip_changes(seed: int):
+    grow_with_fingers(seed, n=28, every=1, regrips=True)
+
+
+def grow_with_fingers(seed: int, n: int, every: int, *, regrips: bool = False, **of_segments: Any) -> None:
     """Look at a demonstration after `every` segments, and compare what has grown with the whole program."""
     rng = np.random.default_rng(seed)
     steps = demonstration(rng, n, holes=bool(seed % 2), **of_segments)
     times = np.sort(rng.uniform(0.0, steps[-1].segment.tn, int(rng.integers(0, 20))))
     grips = [GripperAction(float(t), "grasp" if i % 2 else "release", 0.04) for i, t in enumerate(times)]
+    if regrips:
+        acts = rng.choice(["grasp", "grasp", "release"], len(times))
+        grips = [
+            GripperAction(one.t, act, rng.choice([0.02, 0.04])) for one, act in zip(grips, acts, strict=True)
+        ]
     growing = IncrementalProgramBuilder(moment_at, 0.3)
     for now in (*range(every, n, every), n):
         seen = [grip for grip in grips if grip.t <= steps[now - 1].segment.tn]
         gaps = gaps_between(steps[:now])
         settled = max(now - int(rng.integers(4)), growing.first)
         apps = growing.apps(steps[growing.first : now], settled, seen, gaps)
-        assert apps == task_program(steps[:now], seen, moment_at, least_s=0.3, gaps=gaps)
+        assert apps == program_of(steps[:now], seen, gaps)
 
 
 def test_a_look_does_not_read_the_grips_of_an_hour():

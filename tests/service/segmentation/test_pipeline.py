@@ -22,7 +22,15 @@ from caesura_protocol.recording import Recording, RecordingError
 from caesura_service.constants import JOINTS, JOINTS_MOST
 from caesura_service.cooperative_scheduler import Slices
 from caesura_service.offline_segmentation import batches, opening_of, segment_recording, views
-from caesura_service.program import BEGINS_MOVING, ENDS_MOVING, Paths, ProgramSegment, task_program
+from caesura_service.program import (
+    BEGINS_MOVING,
+    ENDS_MOVING,
+    Context,
+    Paths,
+    ProgramSegment,
+    task_program,
+    with_regrips,
+)
 from caesura_service.segmentation import left_out_notes as notes_module
 from caesura_service.segmentation.pipeline import (
     LOOK_EVERY,
@@ -389,7 +397,8 @@ def program_of(pipeline: SegmentationPipeline) -> tuple[wire.App, ...]:
     if view.segments and not pipeline._finished:
         paths.settled_until = view.segments[-1].t0
     moment = pipeline._program.moment_at  # without forces where no contact is inferred
-    return task_program(steps, pipeline._grips, moment, least_s=0.3, paths=paths, gaps=view.gaps)
+    grips = with_regrips(steps, Context(pipeline._grips, moment))
+    return task_program(steps, grips, moment, least_s=0.3, paths=paths, gaps=view.gaps)
 
 
 def test_a_program_that_is_left_is_made_as_it_would_have_been_and_is_as_before_until_then():

@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from caesura_protocol.app_kinds import APP_KINDS
+from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.messages import App, Quaternion
 from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.checks.findings import Finding, in_mm
+from caesura_protocol.programs.held_grasps import HeldGrasps, eases, held_grasps, is_regrip
 from caesura_protocol.programs.program_gripper import SHUT_M
 from caesura_protocol.rotations import angle_between
 from caesura_protocol.set_downs import ends_in_contact, is_resisted
@@ -34,12 +35,13 @@ TURN_AT_CONTACT_RAD = math.radians(15.0)  # taught ones turn by 9° at most
 def order_findings(apps: Sequence[App]) -> list[Finding]:
     """Find apps whose preconditions do not hold, and contacts or grasps that no later app ends."""
     found: list[Finding] = []
-    touching, holding, moved, emptied = False, None, False, False
+    touching, moved, emptied = False, False, False
     orientation: Quaternion | None = None
-    for index, app in enumerate(apps):
+    *before, after = held_grasps(apps)
+    for index, (app, held) in enumerate(zip(apps, before, strict=True)):
         following = apps[index + 1] if index + 1 < len(apps) else None
         empties = emptied or _is_shut(app) or any(later.kind == "grasp" for later in apps[index + 1 :])
-        reason = _violations(app, touching=touching, holds=holding is not None, empties=empties)
+        reason = _violations(app, touching=touching, holds=held is not None, empties=empties)
         if reason == UNHELD and all(one.kind != "grasp" for one in apps):
             reason += "" if any(one.reason.startswith(UNHELD) for one in found) else WHY_UNHELD
         if reason:
@@ -53,19 +55,35 @@ def order_findings(apps: Sequence[App]) -> list[Finding]:
             found.append(_turned_at_contact(index, app, turned))
         if app.kind == "grasp" and not moved:
             found.append(Finding("warning", index, app.kind, _begins_at(app)))
-        if app.kind == "grasp":
-            holding = index
-        elif app.kind == "gripper_move":
-            holding, emptied = None, True
+        if app.kind == "grasp" and held is not None:
+            found.append(_regrip(index, apps, held))
+        emptied = emptied or app.kind == "gripper_move"
         facts = APP_KINDS[app.kind]
         # A missing contact is found once. What is gripped where it stands is touched by it.
         stays = facts.in_contact and (touching or facts.presses or app.kind == "grasp")
         touching = stays or ends_in_contact(app, following) or is_resisted(app)
         moved = moved or facts.travels
-    if holding is not None:
+    if after is not None:
         reason = "grasps what is never released: an app 'move gripper' must follow"
-        found.append(Finding("error", holding, apps[holding].kind, reason))
+        found.append(Finding("error", after.last, apps[after.last].kind, reason))
     return found
+
+
+def _regrip(index: int, apps: Sequence[App], held: HeldGrasps) -> Finding:
+    """Return a warning for a grasp that changes the grip on what is held; an error for any other one."""
+    app, first, last = apps[index], apps[held.first], apps[held.last]
+    holder = app_name(held.first, "grasp")
+    if app.gripper_width is None or last.gripper_width is None or not is_regrip(app, first, last):
+        reason = f"grasps, but {holder} holds something already: an app 'move gripper' must come before it"
+        return Finding("error", index, app.kind, reason)
+    widths = f"from {1000 * last.gripper_width:.0f} to {1000 * app.gripper_width:.0f} mm"
+    if eases(app, last):
+        reason = f"opens {widths} and keeps what {holder} holds: it falls if it is narrower"
+    else:
+        reason = f"closes {widths} on what {holder} holds, with the grasp force of the cell"
+        carried = (one.load_kg or 0.0 for one in apps[held.first : index])
+        reason += "" if any(carried) else ". If that grasp holds nothing, make it a 'move gripper'"
+    return Finding("warning", index, app.kind, reason)
 
 
 def _pulls(app: App, orientation: Quaternion | None) -> bool:
@@ -128,8 +146,6 @@ def _violations(app: App, *, touching: bool, holds: bool, empties: bool) -> str 
     """
     if APP_KINDS[app.kind].presses and not touching:
         return "presses without a contact: an app 'move to contact' must come before it"
-    if app.kind == "grasp" and holds:
-        return "grasps, but something is held already: an app 'move gripper' must come before it"
     if app.kind == "gripper_move" and not holds and not empties:
         return "releases what was never grasped: an app 'grasp' must come before it"
     if APP_KINDS[app.kind].carries and not holds:

@@ -275,6 +275,13 @@ def test_the_force_of_what_is_pushed_is_not_controlled():
     assert said == ["was taught against 8.0 N: it follows its path, and controls no force"]
 
 
+def test_the_force_of_a_push_is_named_after_a_stronger_press_too():
+    """A push with 8 N after a press with 20 N had no finding."""
+    press = app("apply_force", 0.0, 1.0, there(0.2), force=(0.0, 0.0, -20.0), force_taught=(0.0, 0.0, -20.0))
+    push = app("cartesian_motion", 1.0, 3.0, there(0.4), force_taught=(8.0, 0.0, 0.0))
+    assert any(one.startswith("was taught against 8.0 N") for one in reasons((press, push)))
+
+
 def test_what_is_lost_is_found_beside_an_error_of_another_app():
     # One number above the robot's limit hid every warning: of check, and in a behaviour tree.
     touch = app("move_to_contact", 3.0, 4.0, there(0.6))

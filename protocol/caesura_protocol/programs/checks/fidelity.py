@@ -358,6 +358,10 @@ def _lost_press(app: App, before: App | None, up: Vector) -> Iterator[Reason]:
     if app.force is not None or app.force_taught is None:
         return
     newtons = float(np.linalg.norm(app.force_taught))
+    if is_resisted(app):
+        against = f"was taught against {fixed(newtons, 1)} N: it follows its path, and controls no force"
+        yield against, newtons, None
+        return
     if before is not None and APP_KINDS[before.kind].presses and before.force is not None:
         if newtons <= (1.0 + UNEVEN_SHARE) * math.hypot(*before.force):
             return
@@ -365,14 +369,7 @@ def _lost_press(app: App, before: App | None, up: Vector) -> Iterator[Reason]:
         pressed = np.add(app.force_taught, GRAVITY * before.load_kg * np.array(up))
         if np.linalg.norm(pressed) < LEAST_PRESS_N + SURE_SDS * GRAVITY * (before.load_sd_kg or 0.0):
             return
-    if is_resisted(app):
-        yield (
-            f"was taught against {fixed(newtons, 1)} N: it follows its path, and controls no force",
-            newtons,
-            None,
-        )
-    else:
-        yield f"was taught with a press of {fixed(newtons, 1)} N, which it does not reproduce", newtons, None
+    yield f"was taught with a press of {fixed(newtons, 1)} N, which it does not reproduce", newtons, None
 
 
 def _unknown_loads(apps: Sequence[App]) -> Iterator[Finding]:

@@ -21,7 +21,8 @@ from caesura_protocol.set_downs import ends_in_contact, is_resisted
 PULLS = "pulls on what it touches: its force points away from the tool"
 WHY_IT_PULLS = (
     ". Was the force recorded in the base frame, as the environment's on the robot? If not, state "
-    "force_frame in the recording or --force-frame, or negate the force"
+    "force_frame in the recording or --force-frame, or negate the force. Did the recording begin in contact? "
+    "Then its first force counted as 0: teach it again from free space"
 )
 UNHELD = "carries, but nothing was grasped: an app 'grasp' must come before it"
 WHY_UNHELD = (

@@ -18,8 +18,8 @@ from caesura_service.journal.checksums import is_intact
 from caesura_service.journal.journal import Journal, JournalDamagedError, JournalError, Key
 from caesura_service.journal.peer_journals import journals_in, open_for_reading
 from caesura_service.journal.rows import SessionRow, Stored, copies_in, verify
-from caesura_service.journal.sqlite_database import HAS_TABLE, SELECT_EXTENT, SELECT_OVERVIEW, SELECT_PAGE
 from caesura_service.journal.sqlite_journal import SqliteJournal
+from caesura_service.journal.sqlite_statements import HAS_TABLE, SELECT_EXTENT, SELECT_OVERVIEW, SELECT_PAGE
 
 PAGE = 250  # records read at once
 _BATCH, _ERROR = encoding_of(SampleBatch), encoding_of(Error)

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from caesura_service.journal.journal import Key
 from caesura_service.journal.rows import ROW_BYTES, RecordRow
-from caesura_service.journal.sqlite_database import (
+from caesura_service.journal.sqlite_statements import (
     SELECT_LAST,
     UPDATE_SESSIONS,
     insert_records,

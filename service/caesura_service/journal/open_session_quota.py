@@ -19,7 +19,7 @@ from caesura_protocol.messages import Error, Open
 from caesura_service.journal.journal import JournalShareError, Key
 from caesura_service.journal.retention import GB
 from caesura_service.journal.rows import RecordRow
-from caesura_service.journal.sqlite_database import CLOSE
+from caesura_service.journal.sqlite_statements import CLOSE
 
 ENDING = (Open, Error)  # that a session may need to end: it is resumed, or a loss is declared
 ENDING_BYTES = 1 << 20  # of a station past its share, for these

@@ -45,15 +45,13 @@ from caesura_service.journal.rows import (
     stations_in,
     verify,
 )
-from caesura_service.journal.sqlite_database import (
-    RAISE_LIMIT,
+from caesura_service.journal.sqlite_database import check
+from caesura_service.journal.sqlite_errors import RAISE_LIMIT, TOO_MANY_FILES, map_sqlite_errors
+from caesura_service.journal.sqlite_statements import (
     SELECT_BEYOND,
     SELECT_CHANGES,
     SELECT_EDITS,
     SELECT_OUTCOME,
-    TOO_MANY_FILES,
-    check,
-    map_sqlite_errors,
 )
 
 logger = logging.getLogger(__name__)

@@ -6,7 +6,7 @@ import sqlite3
 
 from caesura_service.journal.journal import Key, Refused
 from caesura_service.journal.rows import ROW_BYTES, SessionRow
-from caesura_service.journal.sqlite_database import (
+from caesura_service.journal.sqlite_statements import (
     COUNT_MOVED,
     DELETE_RESULTS,
     INSERT_ASIDE,

@@ -30,7 +30,7 @@ from caesura_service.journal.journal import (
     Record,
     Recordable,
 )
-from caesura_service.journal.sqlite_database import (
+from caesura_service.journal.sqlite_statements import (
     EPOCHS,
     SELECT_EPOCH,
     SELECT_LAST_OPENED,

@@ -10,7 +10,9 @@ from caesura_service.journal.bulk_insert import write_rows
 from caesura_service.journal.checksums import checksum
 from caesura_service.journal.journal import JournalDamagedError, JournalError
 from caesura_service.journal.rows import SessionRow, epoch_in, pages_of, stations_in
-from caesura_service.journal.sqlite_database import (
+from caesura_service.journal.sqlite_database import transaction
+from caesura_service.journal.sqlite_errors import map_sqlite_errors
+from caesura_service.journal.sqlite_statements import (
     EPOCHS,
     HAS_TABLE,
     INSERT_EPOCH,
@@ -19,8 +21,6 @@ from caesura_service.journal.sqlite_database import (
     SELECT_OUTCOME,
     SELECT_ROWS,
     TAKEOVERS,
-    map_sqlite_errors,
-    transaction,
 )
 
 logger = logging.getLogger(__name__)

@@ -69,6 +69,12 @@ from caesura_service.journal.salvage import copy_intact_sessions
 from caesura_service.journal.sqlite_database import (
     BUSY_S,
     GUEST_BUSY_S,
+    acquire_lock,
+    open_database,
+    transaction,
+)
+from caesura_service.journal.sqlite_errors import map_sqlite_errors
+from caesura_service.journal.sqlite_statements import (
     SELECT_CHANGES,
     SELECT_CLOSED,
     SELECT_DAYS,
@@ -85,11 +91,7 @@ from caesura_service.journal.sqlite_database import (
     SELECT_SESSIONS,
     SELECT_USAGE,
     SET_ASIDE,
-    acquire_lock,
-    map_sqlite_errors,
-    open_database,
     select_outcomes,
-    transaction,
 )
 from caesura_service.journal.wal_integrity import log_integrity_error
 from caesura_service.journal.writer_thread import SqliteWriter

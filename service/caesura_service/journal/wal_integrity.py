@@ -29,6 +29,11 @@ def files_beside(path: Path) -> tuple[Path, Path]:
     return log_of(path), path.with_name(path.name + "-shm")
 
 
+def lock_file_of(path: Path) -> Path:
+    """Return the file beside a journal that its process locks."""
+    return path.with_name(f"{path.name}.lock")
+
+
 def log_integrity_error(path: Path) -> str | None:
     """Return text on the frames of a journal's log that SQLite skips, and keep a copy of the log.
 

@@ -40,19 +40,15 @@ from caesura_service.journal.rows import (
     batch_row,
     row_of,
 )
-from caesura_service.journal.sqlite_database import (
+from caesura_service.journal.sqlite_database import free_bytes, touch, transaction
+from caesura_service.journal.sqlite_errors import REMEDIES, again, map_sqlite_errors
+from caesura_service.journal.sqlite_statements import (
     CLOSE,
     EPOCHS,
     INSERT_EPOCH,
     INSERT_OUTCOME,
     INSERT_OVERVIEW,
-    REMEDIES,
     TAKEOVERS,
-    again,
-    free_bytes,
-    map_sqlite_errors,
-    touch,
-    transaction,
 )
 
 logger = logging.getLogger(__name__)

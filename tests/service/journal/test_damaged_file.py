@@ -17,7 +17,7 @@ from caesura_protocol.messages import Ack, Edit, Insert, Undo
 from caesura_service.journal import JournalError, JournalSettings, PeerJournals, Record, SqliteJournal
 from caesura_service.journal.journal import Refused
 from caesura_service.journal.rows import DAMAGED_OUTCOME
-from caesura_service.journal.sqlite_database import COLUMNS_4
+from caesura_service.journal.sqlite_statements import COLUMNS_4
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.session_state import program_of
 from harness.failing import SOURCE as FAILING

@@ -27,11 +27,13 @@ from caesura_service.journal import (
     Record,
     SqliteJournal,
     peer_journals,
-    sqlite_database,
+    sqlite_errors,
 )
 from caesura_service.journal import writer_thread as writer
 from caesura_service.journal.peer_journals import open_for_reading
-from caesura_service.journal.sqlite_database import LOG_KEPT, SCHEMA_VERSION, map_sqlite_errors
+from caesura_service.journal.sqlite_database import LOG_KEPT
+from caesura_service.journal.sqlite_errors import map_sqlite_errors
+from caesura_service.journal.sqlite_statements import SCHEMA_VERSION
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.session_state import snapshot_of, status_of
 from harness.processes import eventually
@@ -435,7 +437,7 @@ def test_a_disk_that_the_system_made_read_only_is_named_also_where_it_is_listed_
     def refuse(**_: object) -> None:
         raise OSError(errno.EROFS, "Read-only file system")
 
-    monkeypatch.setattr(sqlite_database.tempfile, "TemporaryFile", refuse)
+    monkeypatch.setattr(sqlite_errors.tempfile, "TemporaryFile", refuse)
     error = sqlite3.OperationalError("refused")
     error.sqlite_errorname = name
     with pytest.raises(JournalError, match="its disk is read-only: mount it for"), map_sqlite_errors(path):

@@ -30,7 +30,7 @@ from caesura_protocol.messages import (
     NameProgram,
 )
 from caesura_service.journal import JournalError, PeerJournals, Record, Recordable
-from caesura_service.journal.sqlite_database import TAKEOVERS
+from caesura_service.journal.sqlite_statements import TAKEOVERS
 from caesura_service.publishing.events import SessionDeleted
 from caesura_service.publishing.session_state import program_of
 from harness.sessions import NAME, STATION, answer, opening

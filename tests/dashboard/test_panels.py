@@ -11,10 +11,10 @@ import pytest
 pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
 pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
 
-from playwright.sync_api import Page, ViewportSize, expect
+from playwright.sync_api import Locator, Page, expect
 
 from caesura_protocol.recording import Recording
-from dashboard.browser import PATIENCE_MS, SIZES, Visitor, looks_right, needs_chromium, settled
+from dashboard.browser import DESK, PATIENCE_MS, Visitor, looks_right, needs_chromium, settled
 from dashboard.operator import Operator
 from dashboard.stage import Stage
 from dashboard.test_whole_day import DRAWN, shown_range
@@ -59,8 +59,8 @@ def visitor(stage: Stage, opened: Visitor) -> Iterator[Visitor]:
     assert opened.errors == []
 
 
-def opened(stage: Stage, visitor: Visitor, size: ViewportSize = SIZES["desktop"]) -> Page:
-    visitor.begin_again(size)
+def opened(stage: Stage, visitor: Visitor) -> Page:
+    visitor.begin_again(DESK)
     visitor.page.goto(f"{stage.dashboard.url}/sessions/cell-1/over")
     settled(visitor.page)
     return visitor.page
@@ -70,34 +70,39 @@ def switch(page: Page, name: str) -> None:
     page.get_by_role("group", name="Signals").get_by_role("button", name=name, exact=True).press("Enter")
 
 
-@pytest.mark.parametrize("name", PANELS)
-def test_a_panel_that_is_switched_on_draws_what_was_sent_and_reads_it(
-    stage: Stage, visitor: Visitor, name: str
-):
-    signal, lines, digits = PANELS[name]
-    page, sent = opened(stage, visitor), with_every_signal()
-    if name not in page.evaluate(SHOWN):
-        switch(page, name)
-    panel = page.locator(f".panel[data-signal='{name}']")
-    expect(panel).to_be_visible()
-    settled(page)
-    start, end = shown_range(page)
-    found = page.evaluate(DRAWN, [name, start, end])
-    assert found["off"] == [0] * len(lines), "nothing is taken off"
-    assert len(found["points"]) == len(lines)
-    for k, points in enumerate(found["points"]):
-        samples = dict(zip(sent.t.tolist(), sent.signals[signal][:, k].tolist(), strict=True))
-        assert len(points) > 100
-        assert all(samples[t] == value for t, value in points), f"{name} {lines[k]}"
+def panel_of(page: Page, name: str) -> Locator:
+    return page.locator(f".panel[data-signal='{name}']")
 
-    page.mouse.move(*Operator.at(page, visitor).place(T))
-    values = [float(words) for words in panel.locator("output").all_inner_texts()]
-    near, scale = np.abs(sent.t - T) < 0.03, 1000.0 if name == "gripper" else 1.0
-    for k, value in enumerate(values):
-        off = np.min(np.abs(scale * sent.signals[signal][near, k] - value))
-        assert off <= 0.51 * 10.0**-digits, f"{name} {lines[k]}"
-    titles = panel.locator(".value").all_inner_texts()
-    assert all(words.startswith(line) for words, line in zip(titles, lines, strict=True))
+
+def test_panels_that_are_switched_on_draw_what_was_sent_and_read_it(stage: Stage, visitor: Visitor):
+    page, sent = opened(stage, visitor), with_every_signal()
+    for name in PANELS:
+        if name not in page.evaluate(SHOWN):
+            switch(page, name)
+        expect(panel_of(page, name)).to_be_visible()
+    settled(page)
+    for name, (signal, lines, _) in PANELS.items():
+        found = page.evaluate(DRAWN, [name, *shown_range(page)])
+        assert found["off"] == [0] * len(lines), "nothing is taken off"
+        assert len(found["points"]) == len(lines)
+        for k, points in enumerate(found["points"]):
+            samples = dict(zip(sent.t.tolist(), sent.signals[signal][:, k].tolist(), strict=True))
+            assert len(points) > 100
+            assert all(samples[t] == value for t, value in points), f"{name} {lines[k]}"
+
+    x, _ = Operator.at(page, visitor).place(T)
+    box = page.locator(".panels .u-over").first.bounding_box()
+    assert box is not None
+    page.mouse.move(x, box["y"] + box["height"] / 2)
+    near = np.abs(sent.t - T) < 0.03
+    for name, (signal, lines, digits) in PANELS.items():
+        values = [float(words) for words in panel_of(page, name).locator("output").all_inner_texts()]
+        scale = 1000.0 if name == "gripper" else 1.0
+        for k, value in enumerate(values):
+            off = np.min(np.abs(scale * sent.signals[signal][near, k] - value))
+            assert off <= 0.51 * 10.0**-digits, f"{name} {lines[k]}"
+        titles = panel_of(page, name).locator(".value").all_inner_texts()
+        assert all(words.startswith(line) for words, line in zip(titles, lines, strict=True))
 
 
 @pytest.mark.parametrize(
@@ -120,12 +125,12 @@ def test_the_opening_of_a_gripper_is_in_millimetres_and_a_flag_is_not(
         station, replace(taught, signals={**taught.signals, "gripper": fingers}), session="over", pace="fast"
     )
     stage.wait(station)
-    visitor.begin_again(SIZES["desktop"])
+    visitor.begin_again(DESK)
     page = visitor.page
     page.goto(f"{stage.dashboard.url}/sessions/{station}/over")
     settled(page)
     switch(page, "gripper")
-    panel = page.locator(".panel[data-signal='gripper']")
+    panel = panel_of(page, "gripper")
     expect(panel.locator("strong")).to_have_text(title)
     settled(page)
     page.mouse.move(*Operator.at(page, visitor).place(T))

@@ -108,10 +108,22 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 
 @pytest.fixture(scope="module")
-def page(browser: Browser) -> Iterator[Page]:
+def loaded(browser: Browser, url: str) -> Iterator[Page]:
     page = browser.new_page(viewport=PHONE)
+    page.goto(url)
     yield page
     page.close()
+
+
+@pytest.fixture
+def page(loaded: Page) -> Page:
+    """The page with the strokes."""
+    show(loaded, strokes())
+    return loaded
+
+
+def show(page: Page, rows: list[dict[str, Any]]) -> None:
+    page.evaluate("(rows) => { window.rows.value = rows; }", rows)
 
 
 def drawn(page: Page) -> list[Text]:
@@ -122,8 +134,7 @@ def drawn(page: Page) -> list[Text]:
 
 @pytest.mark.parametrize("theme", THEMES)
 @pytest.mark.parametrize("view", ["3D", "top", "front", "side"])
-def test_labels_of_a_path_are_whole_and_apart_on_a_phone(url: str, page: Page, view: str, theme: Theme):
-    page.goto(url)
+def test_labels_of_a_path_are_whole_and_apart_on_a_phone(page: Page, view: str, theme: Theme):
     page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
     page.get_by_role("button", name=view, exact=True).click()
     texts = drawn(page)
@@ -136,12 +147,10 @@ def test_labels_of_a_path_are_whole_and_apart_on_a_phone(url: str, page: Page, v
     assert [(one, other) for one, other in combinations(texts, 2) if one.meets(other)] == []
 
 
-def test_an_app_is_drawn_as_soon_as_the_words_name_it(url: str, page: Page):
+def test_an_app_is_drawn_as_soon_as_the_words_name_it(page: Page):
     """It was drawn up to a second later: "3 move" stood above a path of two apps."""
-    page.goto(url)
     assert "10" not in numbers(drawn(page))
-    more = [*strokes(), row(10, (60.0, 0.0, 120.0), (160.0, 0.0, 120.0))]
-    page.evaluate("(more) => { window.rows.value = more; }", more)
+    show(page, [*strokes(), row(10, (60.0, 0.0, 120.0), (160.0, 0.0, 120.0))])
     assert "10" in numbers(drawn(page))
     assert " 10 app " in page.locator("output").inner_text()
 
@@ -150,7 +159,6 @@ def numbers(texts: list[Text]) -> set[str]:
     return {number for one in texts for number in re.split("[–, ]+", one.words)}
 
 
-def test_no_zero_of_a_place_has_a_sign(url: str, page: Page):
-    page.goto(url)
-    page.evaluate("(rows) => { window.rows.value = rows; }", [row(1, *[(300.0, -0.2, 400.0)] * 2)])
+def test_no_zero_of_a_place_has_a_sign(page: Page):
+    show(page, [row(1, *[(300.0, -0.2, 400.0)] * 2)])
     expect(page.locator("output")).to_contain_text("(300, 0, 400) mm")

@@ -14,7 +14,13 @@ from dashboard.subscriber import Subscriber
 
 T = 1.4  # [s] in the middle of the first movement, where no changepoint is
 SHOWN_S = 5.0  # up to there the plot shows what is found while the operator points into it
-LEFT, RIGHT = 64, 12  # of the plot, as in scale.js
+# Where a time is on the screen. Beside the scale are 64 and 12 px, as in scale.js, and a border of 1 px.
+PLACE = """(t) => {
+  const plots = document.querySelector(".plots"), { from, to } = plots.dataset;
+  document.querySelector("canvas.band").scrollIntoViewIfNeeded(); // not below a message
+  const { left, top, width, height } = plots.getBoundingClientRect();
+  return [left + 65 + (width - 78) * (t - from) / (to - from), top + height / 2];
+}"""
 NEAR_S = 0.06  # half a cell of the segmentation's grid, and a pixel
 
 
@@ -68,13 +74,8 @@ class Operator:
 
     def place(self, t: float) -> tuple[float, float]:
         """Where a time is on the screen: in the middle of the plots, which are in sight."""
-        self.page.locator("canvas.band").scroll_into_view_if_needed()  # not below a message
-        box = self.plot.bounding_box()
-        assert box is not None
-        inside = box["width"] - 2 - LEFT - RIGHT  # the border is one pixel wide
-        start, end = (float(self.plot.get_attribute(f"data-{name}") or 0.0) for name in ("from", "to"))
-        share = (t - start) / (end - start)
-        return box["x"] + 1 + LEFT + inside * share, box["y"] + box["height"] / 2
+        x, y = self.page.evaluate(PLACE, t)
+        return x, y
 
     def is_called(self, name: str) -> None:
         """As the browser has kept it, or without a name."""

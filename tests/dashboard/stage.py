@@ -35,10 +35,10 @@ SERVED_BY = (  # what a server of pages imports when it starts
 )
 
 
-def patient(seed: int = 0) -> Recording:
+def patient(seed: int = 0, rest_s: float = REST_S) -> Recording:
     """Reach, press, lift away, go back, and then hold still for long: the demonstration goes on."""
     taught, rng = guided(seed), np.random.default_rng(seed + 100)
-    count = round(REST_S * REST_HZ)
+    count = round(rest_s * REST_HZ)
     pos = taught.signals["pos"][-20:].mean(axis=0) + 3e-4 * rng.standard_normal((count, 3))
     force = 0.2 * rng.standard_normal((count, 3))
     t = taught.t[-1] + (1 + np.arange(count)) / REST_HZ

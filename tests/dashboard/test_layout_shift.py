@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,13 +27,15 @@ from dashboard.browser import (
     settled,
 )
 from dashboard.operator import Operator
-from dashboard.stage import REST_S, Stage, StandbyBridge, patient
+from dashboard.stage import Stage, StandbyBridge, patient
 from dashboard.test_whole_day import shown_range
 from harness.demonstrations import guided
-from harness.processes import running
+from harness.processes import eventually, running
 
 pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
+SIZES = {"desk": DESK, "upright": UPRIGHT, "phone": PHONE}
+LONG_S = 40.0  # a station shows 30 s of a session that goes on
 PICK_AND_PLACE = Path(__file__).parents[2] / "data" / "pick_and_place.npz"
 # What the browser itself reports as moved in the part of the page that does not scroll by itself: in which
 # step, and by how much [px]. What appears or goes outside of the window moves nothing that is seen.
@@ -58,8 +61,16 @@ PLACES = """() => Object.fromEntries([".desk", ".description", ".signals", ".plo
   (part) => [part, Math.round(document.querySelector(part).getBoundingClientRect().y + scrollY)]))"""
 
 
+@pytest.fixture(scope="module")
+def over(stage: Stage) -> None:
+    """Demonstrations that are over: one where a bridge comes, and one that no test changes."""
+    for station in ("cell-1", "cell-2"):
+        stage.teach(station, guided(), session="over", pace="fast")
+        stage.wait(station)
+
+
 @pytest.fixture
-def bridge(stage: Stage) -> Iterator[StandbyBridge]:
+def bridge(stage: Stage, over: None) -> Iterator[StandbyBridge]:
     with running(StandbyBridge(stage)) as bridge:
         yield bridge
 
@@ -133,17 +144,24 @@ def day_at(stage: Stage, visitor: Visitor, size: ViewportSize, name: str = "") -
     return Day(visitor.page)
 
 
-def taught_page(stage: Stage, visitor: Visitor, station: str, session: str, size: ViewportSize) -> Page:
-    """The page of a demonstration that is over, as Ann opens it."""
-    stage.teach(station, guided(), session=session, pace="fast")
-    stage.wait(station)
+def page_at(stage: Stage, visitor: Visitor, path: str, size: ViewportSize) -> Page:
+    """A page that shows a demonstration which is over, as Ann opens it."""
     visitor.begin_again(size)
     visitor.is_called("Ann", stage.dashboard.url)
-    visitor.page.goto(f"{stage.dashboard.url}/sessions/{station}/{session}")
+    visitor.page.goto(f"{stage.dashboard.url}/{path}")
+    expect(visitor.page.locator(".app").first).to_be_visible()
+    settled(visitor.page)
     return visitor.page
 
 
-@pytest.mark.parametrize("size", [DESK, UPRIGHT, PHONE], ids=["desk", "upright", "phone"])
+def taught_page(stage: Stage, visitor: Visitor, session: str, size: ViewportSize) -> Page:
+    """That of a demonstration which no other test has."""
+    stage.teach("cell-4", guided(), session=session, pace="fast")
+    stage.wait("cell-4")
+    return page_at(stage, visitor, f"sessions/cell-4/{session}", size)
+
+
+@pytest.mark.parametrize("size", SIZES.values(), ids=SIZES)
 def test_no_step_of_a_session_moves_the_plots(
     stage: Stage, bridge: StandbyBridge, opened: Visitor, size: ViewportSize
 ):
@@ -172,14 +190,15 @@ def test_a_start_on_a_page_of_an_ended_session_moves_no_plots(
     """The description opened at Start, and the plots moved by 66 px at a desk."""
     day = day_at(stage, opened, size)
     page = day.page
-    day.start("first")
-    day.stop("first stop")
-    page.reload()
     expect(page.locator(".app").first).to_be_visible()
-    day.done("opened again")
+    day.done("opened")
+    if size == PHONE:
+        has_everything_in_the_first_screen(page)
     day.start("start")
+    if size == PHONE:
+        has_everything_in_the_first_screen(page)
     day.stop("stop")
-    assert day.places["start"] == day.places["opened again"] == day.places["stop"]
+    assert day.places["start"] == day.places["opened"] == day.places["stop"]
     is_open = size != PHONE
     expect(page.locator(".name-task")).to_be_visible(visible=is_open)
     page.locator(".description summary").click()
@@ -196,69 +215,55 @@ def test_a_start_on_a_page_of_an_ended_session_moves_no_plots(
     assert opened.errors == []
 
 
-@pytest.mark.parametrize("size", [DESK, UPRIGHT, PHONE], ids=["desk", "upright", "phone"])
-def test_samples_that_stop_move_no_plot(
-    stage: Stage, bridge: StandbyBridge, opened: Visitor, size: ViewportSize
-):
+def has_everything_in_the_first_screen(page: Page) -> None:
+    """Start and Stop, the description and the first plot, of a phone."""
+    for part in (".desk-state", ".start", ".stop", ".description summary", ".band", ".panel .u-over"):
+        expect(page.locator(part).first, part).to_be_in_viewport(ratio=1)
+
+
+def test_samples_that_stop_move_no_plot(stage: Stage, bridge: StandbyBridge, opened: Visitor):
     """The line on the session then has their age too, which on a busy machine comes and goes."""
-    day = day_at(stage, opened, size)
+    day = day_at(stage, opened, DESK)
     page = day.page
     day.start("start")
+    for name, size in SIZES.items():
+        page.set_viewport_size(size)
+        day.done(name)
     bridge.freeze()
     try:
         expect(page.locator(".state-line")).to_contain_text("last sample")
-        assert page.evaluate(PLACES) == day.places["start"]
+        for name, size in SIZES.items():
+            page.set_viewport_size(size)
+            eventually(lambda name=name: page.evaluate(PLACES) == day.places[name])
     finally:
         bridge.thaw()
     day.stop("stop")
     assert opened.errors == []
 
 
-@pytest.mark.parametrize("path", ["/station/cell-5", "/sessions/cell-5/stored"])
+@pytest.mark.parametrize(
+    ("path", "state"), [("station/cell-2", ".desk-state"), ("sessions/cell-2/over", ".state-line")]
+)
 def test_a_phone_shows_the_state_and_the_first_plot_in_the_first_screen(
-    stage: Stage, opened: Visitor, path: str
+    stage: Stage, over: None, opened: Visitor, path: str, state: str
 ):
     """The plots of a station began below the window: a form of 312 px stood above them."""
-    stage.teach("cell-5", guided(), session=path.rsplit("/", 1)[1], pace="fast")
-    stage.wait("cell-5")
-    opened.begin_again(PHONE)
-    page = opened.page
-    page.goto(f"{stage.dashboard.url}{path}")
-    expect(page.locator(".app").first).to_be_visible()
-    settled(page)
-    for part in (".desk-state" if path.startswith("/station") else ".state-line", ".band", ".panel .u-over"):
+    page = page_at(stage, opened, path, PHONE)
+    for part in (state, ".band", ".panel .u-over"):
         expect(page.locator(part).first, part).to_be_in_viewport(ratio=1)
     assert opened.sideways_px() <= 0
     assert opened.errors == []
 
 
-def test_a_phone_has_start_and_stop_and_the_first_plot_in_the_first_screen(
-    stage: Stage, bridge: StandbyBridge, opened: Visitor
-):
-    day = day_at(stage, opened, PHONE)
-    page = day.page
-    day.start("start")
-    parts = (".desk-state", ".start", ".stop", ".description summary", ".band", ".panel .u-over")
-    for part in parts:
-        expect(page.locator(part).first, part).to_be_in_viewport(ratio=1)
-    day.stop("stop")
-    for part in parts:
-        expect(page.locator(part).first, part).to_be_in_viewport(ratio=1)
-    assert opened.errors == []
-
-
 def test_a_station_shows_an_ended_session_as_a_whole(stage: Stage, opened: Visitor):
     """Its last 30 s were shown, in which the hand often rests."""
-    stage.teach("cell-3", patient(), session="long", pace="fast")
+    stage.teach("cell-3", patient(rest_s=LONG_S), session="long", pace="fast")
     stage.wait("cell-3")
-    opened.begin_again(DESK)
-    page = opened.page
-    page.goto(f"{stage.dashboard.url}/station/cell-3")
+    page = page_at(stage, opened, "station/cell-3", DESK)
     expect(page.locator(".desk-state")).to_have_text("Demonstration over")
-    settled(page)
     start, end = shown_range(page)
     assert start == 0.0
-    assert end > REST_S
+    assert end > LONG_S
     assert opened.errors == []
 
 
@@ -284,24 +289,23 @@ def test_without_a_service_no_bridge_is_denied_and_no_plot_moves(
     opened.errors.clear()  # of samples that were not there
 
 
-@pytest.mark.parametrize("size", [DESK, PHONE], ids=["desk", "phone"])
 def test_the_answer_to_a_correction_is_in_sight_wherever_in_the_plots_it_is_made(
-    stage: Stage, opened: Visitor, size: ViewportSize
+    stage: Stage, opened: Visitor
 ):
     """It stood above the first plot: who corrected in the plot of forces did not see that it was refused."""
-    page = taught_page(stage, opened, "cell-2", f"seen-{size['width']}", size)
-    expect(page.locator(".app").first).to_be_visible()
-    settled(page)
-    x, _ = Operator.at(page, opened).place(1.4)
-    page.locator(".panel[data-signal=speed]").evaluate("(panel) => panel.scrollIntoView()")
-    force = page.locator(".panel[data-signal=force]").bounding_box()
-    assert force is not None
-    page.mouse.click(x, force["y"] + force["height"] / 2)
-    page.keyboard.press("Enter")
-    expect(page.locator(".message")).to_contain_text("Changepoint inserted at 1.")
-    expect(page.locator("canvas.band")).not_to_be_in_viewport()
-    expect(page.locator(".message")).to_be_in_viewport(ratio=1)
-    expect(page.get_by_role("button", name="Undo", exact=True).first).to_be_in_viewport(ratio=1)
+    page = taught_page(stage, opened, "seen", DESK)
+    for size, t in ((DESK, 1.4), (PHONE, 0.5)):
+        page.set_viewport_size(size)
+        x, _ = Operator.at(page, opened).place(t)
+        page.locator(".panel[data-signal=speed]").evaluate("(panel) => panel.scrollIntoView()")
+        force = page.locator(".panel[data-signal=force]").bounding_box()
+        assert force is not None
+        page.mouse.click(x, force["y"] + force["height"] / 2)
+        page.keyboard.press("Enter")
+        expect(page.locator(".message")).to_contain_text(f"Changepoint inserted at {math.floor(t)}.")
+        expect(page.locator("canvas.band")).not_to_be_in_viewport()
+        expect(page.locator(".message")).to_be_in_viewport(ratio=1)
+        expect(page.get_by_role("button", name="Undo", exact=True).first).to_be_in_viewport(ratio=1)
     assert opened.errors == []
 
 
@@ -310,7 +314,7 @@ IN_PHASES = """([x, y]) => document.elementFromPoint(x, y).closest(".plots") !==
 
 def test_a_long_answer_leaves_the_phases_when_something_else_is_pressed(stage: Stage, opened: Visitor):
     """On a phone it covered them until it was closed."""
-    page = taught_page(stage, opened, "cell-2", "long", PHONE)
+    page = taught_page(stage, opened, "long", PHONE)
     operator = Operator.at(page, opened)
     operator.click(1.4)
     page.keyboard.press("Enter")
@@ -341,7 +345,7 @@ GAPS_PX = 16.0  # above and below it
 
 def test_an_edit_moves_no_app_and_one_line_is_kept_for_what_is_said(stage: Stage, opened: Visitor):
     """Two empty lines stood above the list, and the first edit brought a line above and one below it."""
-    page = taught_page(stage, opened, "cell-4", "over", DESK)
+    page = taught_page(stage, opened, "edited", DESK)
     card = page.locator(".app").first
     card.get_by_text("Edit", exact=True).click()
     before = page.evaluate(LIST)
@@ -364,7 +368,7 @@ def test_an_edit_moves_no_app_and_one_line_is_kept_for_what_is_said(stage: Stage
 
 def test_the_answer_to_an_edit_is_in_sight_on_a_phone(stage: Stage, opened: Visitor):
     """It stood above the cards: who saved a form that is scrolled did not see that it was refused."""
-    page = taught_page(stage, opened, "cell-4", "phone", PHONE)
+    page = taught_page(stage, opened, "phone", PHONE)
     card, said = page.locator(".app").nth(1), page.locator(".program-said")
     card.get_by_text("Edit", exact=True).click()
     card.locator(".app-name").fill("Press the pump")
@@ -382,35 +386,42 @@ PATH = """() => [".path-tools", ".program-path canvas"].map((name) => {
 })"""
 
 
-@pytest.mark.parametrize("size", [DESK, UPRIGHT, PHONE], ids=["desk", "upright", "phone"])
-def test_a_simulation_moves_neither_its_buttons_nor_the_drawing(
-    stage: Stage, opened: Visitor, size: ViewportSize
-):
+def path_places(page: Page) -> list[object]:
+    """Where they are at each size of the window."""
+    places = []
+    for size in SIZES.values():
+        page.set_viewport_size(size)
+        settled(page)
+        places.append(page.evaluate(PATH))
+    return places
+
+
+def test_a_simulation_moves_neither_its_buttons_nor_the_drawing(stage: Stage, opened: Visitor):
     """*Cancel* and the line of its result moved the drawing by two lines."""
-    session = f"simulated-{size['width']}"
-    stage.teach("cell-6", load_recording(PICK_AND_PLACE), session=session, pace="fast")
+    stage.teach("cell-6", load_recording(PICK_AND_PLACE), session="simulated", pace="fast")
     stage.wait("cell-6")
-    opened.begin_again(size)
-    page, said = opened.page, opened.page.locator(".simulated")
-    page.goto(f"{stage.dashboard.url}/sessions/cell-6/{session}")
-    simulate, cancel = page.locator(".simulate"), page.locator(".cancel-simulation")
-    simulate.scroll_into_view_if_needed()
+    page = page_at(stage, opened, "sessions/cell-6/simulated", DESK)
+    simulate, cancel, said = (
+        page.locator(f".{name}") for name in ("simulate", "cancel-simulation", "simulated")
+    )
     expect(page.locator(".measured-said")).to_contain_text("samples")
-    settled(page)
-    before = page.evaluate(PATH)
+    before = path_places(page)
     expect(cancel).to_be_hidden()
     simulate.click()
     expect(cancel).to_be_visible()
-    assert page.evaluate(PATH) == before, "while it is under way"
+    assert path_places(page) == before, "while it is under way"
     expect(said).not_to_have_text("")
     expect(page.locator(".follow-run")).to_be_enabled()
-    assert page.evaluate(PATH) == before, "with its result"
-    expect(said).to_be_in_viewport()
-    assert opened.barriers(within=".program-path") == []
-    for name in (".follow-run", ".show-measured", ".play-path", ".play-path"):
-        page.locator(name).click()
-        assert page.evaluate(PATH) == before, name
-    assert opened.sideways_px() <= 0
+    assert path_places(page) == before, "with its result"
+    for size, place in zip(SIZES.values(), before, strict=True):
+        page.set_viewport_size(size)
+        simulate.evaluate("(button) => button.scrollIntoView({ block: 'center' })")
+        expect(said).to_be_in_viewport()
+        assert opened.barriers(within=".program-path") == []
+        for name in (".follow-run", ".show-measured", ".play-path", ".play-path"):
+            page.locator(name).click()
+            assert page.evaluate(PATH) == place, name
+        assert opened.sideways_px() <= 0
     assert opened.errors == []
 
 
@@ -421,10 +432,10 @@ MOUSE = """() => {
 
 
 def test_a_finger_that_is_lifted_after_a_long_press_presses_nothing_of_the_menu(
-    stage: Stage, opened: Visitor
+    stage: Stage, over: None, opened: Visitor
 ):
     """The browser clicked what the menu had put under the finger: a field, which brought up the keyboard."""
-    page = taught_page(stage, opened, "cell-4", "lifted", PHONE)
+    page = page_at(stage, opened, "sessions/cell-2/over", PHONE)
     operator = Operator.at(page, opened)
     page.locator(".panel[data-signal=force]").scroll_into_view_if_needed()
     page.evaluate(MOUSE)
@@ -435,22 +446,19 @@ def test_a_finger_that_is_lifted_after_a_long_press_presses_nothing_of_the_menu(
     assert opened.errors == []
 
 
-def test_the_menu_of_corrections_leaves_the_segment_in_sight(stage: Stage, opened: Visitor):
+def test_the_menu_of_corrections_leaves_the_segment_in_sight(stage: Stage, over: None, opened: Visitor):
     """At a desk and on a tablet it covered half of the segment, and on a phone the band."""
-    page = taught_page(stage, opened, "cell-2", "over", DESK)
-    expect(page.locator(".app").first).to_be_visible()
+    page = page_at(stage, opened, "sessions/cell-2/over", DESK)
     menu, band = page.locator(".correct-menu"), page.locator("canvas.band")
-    for size in (DESK, UPRIGHT, PHONE):
+    for size in SIZES.values():
         page.set_viewport_size(size)
         operator = Operator.at(page, opened)
         for t0, tn, *_ in page.evaluate("() => document.querySelector('.plots').plots.state.segments"):
-            band.scroll_into_view_if_needed()
-            x, _ = operator.place((t0 + tn) / 2)
-            (left, _), (right, _) = operator.place(t0), operator.place(tn)
+            left, x, right = (operator.place(t)[0] for t in (t0, (t0 + tn) / 2, tn))
             row = band.bounding_box()
             assert row is not None
             page.mouse.click(x, row["y"] + row["height"] - 4, button="right")
-            page.locator(".correct-menu .is-kind").nth(3).hover()
+            menu.locator(".is-kind").nth(3).focus()
             expect(menu.locator(".effect")).to_contain_text("Preview")
             box = menu.bounding_box()
             assert box is not None

@@ -81,14 +81,21 @@ def drop(page: Page, path: Path) -> None:
     devtools.send("Input.dispatchDragEvent", {"type": "drop", **at, "data": data})
 
 
-@pytest.mark.parametrize("write", [npz, csv, mcap, bag, sqlite_bag])
-def test_what_is_dropped_is_asked_about_and_becomes_a_session(
-    stage: Stage, visitor: Visitor, tmp_path: Path, write
-):
-    page, name = visitor.page, write.__name__.replace("_", "-")
-    page.goto(f"{stage.dashboard.url}/recordings")
-    drop(page, write(tmp_path))
+def test_what_is_dropped_is_asked_about_and_becomes_a_session(stage: Stage, visitor: Visitor, tmp_path: Path):
+    visitor.page.goto(f"{stage.dashboard.url}/recordings")
+    for write in (npz, csv, mcap, bag, sqlite_bag):
+        becomes_a_session(stage, visitor, write(tmp_path))
+    visitor.page.get_by_role("link", name="cell-files/bag3", exact=True).click()
+    expect(visitor.page.locator(".app").first).to_contain_text("move to contact")
+    assert visitor.errors == []
+
+
+def becomes_a_session(stage: Stage, visitor: Visitor, recording: Path) -> None:
+    """Drop it, answer what is asked, and play it as a session with the name of the file."""
+    page, name = visitor.page, recording.name.replace(".", "-")
+    drop(page, recording)
     form = page.locator(".questions")
+    expect(form.locator("h2")).to_have_text(recording.name)
     expect(form.locator(".summary")).to_contain_text(f"{len(TAUGHT.t)} samples")
     for label, value in (("wrench-source", "flange_sensor"), ("hand", "yes"), ("robot", "panda")):
         form.locator(f".{label}").select_option(value)
@@ -97,7 +104,7 @@ def test_what_is_dropped_is_asked_about_and_becomes_a_session(
     form.locator(".session").fill(name)
     form.locator(".task").fill("press")
     visitor.picture(f"dropped-{name}")
-    if write is bag:  # which asks for the most
+    if name == "bag":  # which asks for the most
         assert visitor.barriers() == []
     form.locator(".play-recording").click()
     played_here = page.locator(
@@ -113,9 +120,8 @@ def test_what_is_dropped_is_asked_about_and_becomes_a_session(
         assert (played.program.robot, played.program.up) == ("panda", (0.0, 0.0, 1.0))
         kinds = [one.kind for one in played.segments.segments]
         assert kinds[:3] == ["steady", "motion", "contact"]
-    played_here.get_by_role("link").click()
-    expect(page.locator(".app").first).to_contain_text("move to contact")
-    assert visitor.errors == []
+        assert played.program.apps[0].kind == "move_to_contact"
+    expect(played_here.get_by_role("link")).to_have_attribute("href", f"/sessions/cell-files/{name}")
 
 
 def test_an_orientation_as_three_angles_is_a_part_of_the_form(stage: Stage, visitor: Visitor, tmp_path: Path):
@@ -154,13 +160,14 @@ def test_a_bad_file_leaves_the_form_of_the_one_before(stage: Stage, visitor: Vis
     form, state = page.locator(".questions"), page.locator(".drop-state")
     form.locator(".station").fill("cell-kept")
     form.locator(".session").fill("s1")
-    for number in range(UPLOADS + 1):
-        odd = tmp_path / f"odd-{number}.npz"
-        np.savez(odd, a=np.zeros(3))
-        drop(page, odd)
-        expect(state).to_contain_text(
-            f"odd-{number}.npz: has a; expected the times t, and pos (the flange's x"
-        )
+    np.savez(tmp_path / "odd.npz", a=np.zeros(3))
+    expected = {"odd.npz": "has a; expected the times t, and pos (the flange's x"}
+    for number in range(UPLOADS):  # which no process needs to read
+        (tmp_path / f"odd-{number}.txt").write_text("1")
+        expected[f"odd-{number}.txt"] = "expected one file"
+    for name, words in expected.items():
+        drop(page, tmp_path / name)
+        expect(state).to_contain_text(f"{name}: {words}")
         expect(form.locator("h2")).to_have_text("own.npz")
         expect(form.locator(".station")).to_have_value("cell-kept")
     visitor.picture("dropped-odd")

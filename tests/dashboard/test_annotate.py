@@ -245,27 +245,16 @@ def test_on_a_phone_the_buttons_are_apart_and_leave_room_for_the_plot(shared: An
     assert visitor.sideways_px() <= 0
 
 
-def test_a_key_with_caps_lock_does_what_it_does_without(file: Path, visitor: Visitor):
+def test_a_key_counts_with_caps_lock_and_at_a_changepoint_means_the_segment_that_begins(
+    file: Path, visitor: Visitor
+):
     """Q W E R stand in the docs, and with the caps lock on, the page took none of them."""
     with running(Annotate(file)) as tool:
         page = opened(tool, visitor)
         press(page, *["ArrowRight"] * STEPS_TO_A_SECOND, "Q")
         expect(page.locator(".message")).to_have_text("start at 1.000 s")
         expect(page.locator(".selection")).to_contain_text("1 changepoint, not saved")
-
-
-def test_at_a_changepoint_page_and_message_mean_the_segment_that_begins(file: Path, visitor: Visitor):
-    with running(Annotate(file)) as tool:
-        page = opened(tool, visitor)
-        press(
-            page,
-            *["ArrowRight"] * STEPS_TO_A_SECOND,
-            "q",
-            "Home",
-            "1",
-            *["ArrowRight"] * STEPS_TO_A_SECOND,
-            "2",
-        )
+        press(page, "Home", "1", *["ArrowRight"] * STEPS_TO_A_SECOND, "2")
         expect(page.locator(".message")).to_contain_text("motion from 1.00 to")
         expect(page.locator(".selection")).to_contain_text("motion from 1.00 to")
         press(page, "End")

@@ -45,6 +45,7 @@ PAGES = {
     "unknown": ("/station/cell-99", "it has no session. Stations: cell-1"),
 }
 PICK_AND_PLACE = Path(__file__).parents[2] / "data" / "pick_and_place.npz"
+SMALL_TABLET = {"width": 768, "height": 1024}
 TYPE = {"15px", "21px"}  # of text, and of titles
 MEGABYTE = 1_000_000
 # What a pointer can press or type into, and is shown; each gets a number.
@@ -110,10 +111,11 @@ def test_every_page_has_a_purpose_and_is_accessible(stage: Stage, visitor: Visit
     tab_reaches_everything_and_shows_where_it_is(page)
     sizes = visitor.type_sizes()
     assert set(sizes) <= TYPE, sizes
-    page.set_viewport_size(PHONE)
-    expect(page.get_by_text(words).first).to_be_visible()
-    eventually(lambda: visitor.sideways_px() == 0)
-    visitor.picture(f"{name}-phone")
+    for size, where in ((SMALL_TABLET, "upright"), (PHONE, "phone")):
+        page.set_viewport_size(size)
+        expect(page.get_by_text(words).first).to_be_visible()
+        eventually(lambda: visitor.sideways_px() == 0)
+        visitor.picture(f"{name}-{where}")
     assert visitor.errors == []
 
 
@@ -233,7 +235,6 @@ def test_a_name_is_the_title_of_a_session_and_its_id_stands_beside_it(stage: Sta
     title, task = page.locator("h1"), page.locator(".name-task")
     page.locator(".description summary").click()
     for name, shown in (
-        ("press", "cell-3 · press · done-2"),
         ("</title> & wipe", "cell-3 · </title> & wipe · done-2"),
         ("", "cell-3 · done-2"),
     ):
@@ -291,8 +292,9 @@ def test_no_message_moves_the_plots(stage: Stage, visitor: Visitor, size):
 
 
 def test_at_a_desk_plots_are_high_and_the_program_stands_beside_them(stage: Stage, visitor: Visitor):
+    """Buttons of the path were a quarter higher than others."""
+    visitor.page.set_viewport_size(DESK)
     page = goto(stage, visitor, "/sessions/cell-2/done-1")
-    page.set_viewport_size({"width": 1440, "height": 900})
     expect(page.locator(".app").first).to_be_visible()
     drawn = page.locator(".panels .u-over")
     expect(drawn.nth(1)).to_be_attached()
@@ -302,6 +304,9 @@ def test_at_a_desk_plots_are_high_and_the_program_stands_beside_them(stage: Stag
     assert program
     assert program["x"] >= plots["x"] + plots["width"]
     assert program["y"] < plots["y"] + 160
+    page.locator(".path-tools").wait_for()
+    buttons = page.locator(".path-tools button, .scrub button")
+    assert len(set(buttons.evaluate_all("(all) => all.map((one) => one.offsetHeight)"))) == 1
 
 
 def test_a_session_is_exported_as_a_dataset_from_its_page_and_from_the_list(stage: Stage, visitor: Visitor):
@@ -442,26 +447,3 @@ def test_with_a_password_nothing_is_shown_before_it(stage: Stage, newcomer: Visi
         assert (answer.status, "only reads" in answer.text()) == (403, True), "nor does it take recordings"
         page.close()
         assert locked.end() == 0
-
-
-def test_a_tablet_held_upright_has_everything(stage: Stage, visitor: Visitor):
-    page = visitor.page
-    page.set_viewport_size({"width": 768, "height": 1024})
-    goto(stage, visitor, "/sessions/cell-2/done-1")
-    expect(page.locator(".app").first).to_be_visible()
-    visitor.picture("upright")
-    assert visitor.sideways_px() == 0
-
-
-def test_nothing_is_cut_off_at_a_desk_and_buttons_are_of_one_height(stage: Stage, visitor: Visitor):
-    """The list was wider than its frame, and buttons of the path a quarter higher than others."""
-    page = visitor.page
-    page.set_viewport_size({"width": 1440, "height": 900})
-    goto(stage, visitor, "/sessions")
-    page.locator("table.sessions tbody tr").nth(1).wait_for()
-    cut = page.locator(".scroll").evaluate("(table) => table.scrollWidth - table.clientWidth")
-    assert cut == 0
-    goto(stage, visitor, "/sessions/cell-2/done-1")
-    page.locator(".path-tools").wait_for()
-    buttons = page.locator(".path-tools button, .scrub button")
-    assert len(set(buttons.evaluate_all("(all) => all.map((one) => one.offsetHeight)"))) == 1

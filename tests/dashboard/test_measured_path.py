@@ -136,6 +136,22 @@ def test_no_line_leads_across_missing_samples(stage: Stage, visitor: Visitor):
     steps = [b[0] - a[0] for run in runs for a, b in pairwise(run["places"])]
     assert max(steps) < 0.1
     assert {place[0] for run in runs for place in run["places"]} == set(sent.t.tolist())
+    leaves_out_what_not_all_columns_have(visitor.page)
+
+
+def leaves_out_what_not_all_columns_have(page: Page) -> None:
+    """Of made-up points, by the functions of the page."""
+    points = {
+        "px": [[0.0, 1.0], [1.0, 2.0], [3.0, 3.0]],
+        "py": [[0.0, 1.0], [2.0, 2.0], [3.0, 3.0]],
+        "pz": [[0.0, 1.0], [1.0, 2.0], [2.0, 2.0], [3.0, 3.0]],
+    }
+    segments = [[0.0, 1.5, "motion"], [1.5, 2.5, "steady"]]
+    found = page.evaluate(IMPORTED, [points, segments, []])
+    assert found["places"] == [[0.0, 1000.0, 1000.0, 1000.0], [3.0, 3000.0, 3000.0, 3000.0]]
+    assert [run["kind"] for run in found["runs"]] == ["motion", None]
+    apart = page.evaluate(IMPORTED, [points, segments, [[1.0, 2.0, "source"]]])
+    assert [len(run["places"]) for run in apart["runs"]] == [1, 1]
 
 
 def test_the_measured_path_comes_once_the_service_answers_again(stage: Stage, visitor: Visitor):
@@ -150,22 +166,6 @@ def test_the_measured_path_comes_once_the_service_answers_again(stage: Stage, vi
     page.unroute(exact)
     check_measured(runs_of(page, len(SENT.t)), SENT)
     visitor.errors.clear()  # what could not be loaded meanwhile
-
-
-def test_a_time_that_not_all_columns_have_is_left_out(stage: Stage, visitor: Visitor):
-    visitor.page.goto(f"{stage.dashboard.url}/sessions/cell-gap/over")
-    settled(visitor.page)
-    points = {
-        "px": [[0.0, 1.0], [1.0, 2.0], [3.0, 3.0]],
-        "py": [[0.0, 1.0], [2.0, 2.0], [3.0, 3.0]],
-        "pz": [[0.0, 1.0], [1.0, 2.0], [2.0, 2.0], [3.0, 3.0]],
-    }
-    segments = [[0.0, 1.5, "motion"], [1.5, 2.5, "steady"]]
-    found = visitor.page.evaluate(IMPORTED, [points, segments, []])
-    assert found["places"] == [[0.0, 1000.0, 1000.0, 1000.0], [3.0, 3000.0, 3000.0, 3000.0]]
-    assert [run["kind"] for run in found["runs"]] == ["motion", None]
-    apart = visitor.page.evaluate(IMPORTED, [points, segments, [[1.0, 2.0, "source"]]])
-    assert [len(run["places"]) for run in apart["runs"]] == [1, 1]
 
 
 def test_a_session_longer_than_a_minute_asks_to_zoom_in(stage: Stage, visitor: Visitor):

@@ -104,17 +104,13 @@ def check(page: Page, hour: np.ndarray, name: str, first: int, off: np.ndarray) 
             assert {values.min(), values.max()} <= {value for _, value in points}
 
 
-def test_a_session_that_is_opened_is_asked_for_once(stage: Stage, opened: Visitor, browser: Browser):
-    """Its samples were fetched and drawn twice: the second time by their names, up to the last one."""
-    fresh = Visitor(browser)
-    fresh.page.goto(opened.page.url)
-    settled(fresh.page)
-    assert fresh.page.evaluate(REQUESTS) == 1
-    fresh.close()
+def test_samples_are_asked_for_once_and_come_with_the_segments_before_the_program(
+    opened: Visitor, browser: Browser
+):
+    """Samples were fetched and drawn twice: the second time by their names, up to the last one.
 
-
-def test_samples_and_segments_come_before_the_program(opened: Visitor, browser: Browser):
-    """The cards of a long program were made before the page was sent: a fifth of a second of it."""
+    The cards of a long program were made before the page was sent: a fifth of a second of it.
+    """
     fresh = Visitor(browser)
     slow = SlowSocket(fresh.page)
     slow.hold("runMethod")
@@ -124,6 +120,8 @@ def test_samples_and_segments_come_before_the_program(opened: Visitor, browser: 
     assert not slow.has_received("pathBefore"), "the browser has not drawn the segments yet"
     slow.release()
     expect(fresh.page.locator(".app").first).to_be_visible()
+    settled(fresh.page)
+    assert fresh.page.evaluate(REQUESTS) == 1
     fresh.close()
 
 

@@ -86,7 +86,7 @@ def test_every_field_of_a_movement_is_set_and_as_taught_takes_all_of_them_away(d
     card.locator(".app-target_name").fill("above the tray")
     card.locator(".app-speed").fill("50")
     card.locator(".app-tolerance_m").fill("5")
-    looks_right(desk.visitor, "edit-form")
+    looks_right(desk.visitor, "edit-form", within=".app-edit[open]")
     card.locator(".app-tolerance_m").press("Enter")
     said = "name set, note set, target set, position name set, speed set, tolerance set."
     expect(page.locator(".program-said")).to_contain_text(said)

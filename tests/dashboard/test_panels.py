@@ -147,7 +147,7 @@ def test_the_choice_of_panels_stays_with_the_browser_and_fits_a_phone(stage: Sta
     page.reload()
     settled(page)
     assert page.evaluate(SHOWN) == shown
-    looks_right(visitor, "panels")
+    looks_right(visitor, "panels", within=".panels")
 
 
 def test_earlier_and_later_move_the_view_by_half_and_not_out_of_the_session(stage: Stage, visitor: Visitor):

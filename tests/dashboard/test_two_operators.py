@@ -117,7 +117,7 @@ def test_a_speed_that_another_operator_has_set_meanwhile_is_asked_for(beside: Be
     expect(conflict.locator(".save-anyway"), "it comes into sight").to_be_in_viewport(ratio=1)
     assert (beside.app.speed, beside.app.note) == (0.4, None)
     expect(card.locator(".app-speed"), "what was typed is kept").to_have_value("50")
-    looks_right(beside.visitor, "program-conflict")
+    looks_right(beside.visitor, "program-conflict", within=".app-edit[open]")
     card.locator(".save").press("Enter")
     expect(conflict.locator(".save-anyway"), "it was answered").to_be_enabled()
     expect(conflict.locator("p"), "Save asks again").to_have_text(words)
@@ -203,7 +203,7 @@ def test_a_task_that_another_operator_has_named_meanwhile_is_asked_for(beside: B
     expect(conflict.locator("p")).to_have_text(said)
     assert beside.stated.task == "polish"
     expect(task, "what was typed is kept").to_have_value("wipe")
-    looks_right(beside.visitor, "description-conflict")
+    looks_right(beside.visitor, "description-conflict", within=".description")
     conflict.locator(".save-anyway").press("Enter")
     expect(form.locator(".saved")).to_contain_text("Saved.")
     assert beside.stated.task == "wipe"

@@ -205,7 +205,7 @@ def test_all_corrections_are_listed_and_any_of_them_is_undone(stage: Stage, visi
             one.t for one in caesura.snapshot("cell-list", "over").changepoints.changepoints if one.corrected
         ]
         assert kept == [pytest.approx(1.6, abs=NEAR_S)]
-        looks_right(visitor, "corrections")
+        looks_right(visitor, "corrections", within=".corrections")
 
         def states() -> list[str]:
             return [one.state for one in caesura.snapshot("cell-list", "over").program.corrections]

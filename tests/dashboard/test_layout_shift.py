@@ -410,8 +410,13 @@ def test_a_simulation_moves_neither_its_buttons_nor_the_drawing(stage: Stage, op
     simulate.click()
     expect(cancel).to_be_visible()
     assert path_places(page) == before, "while it is under way"
-    expect(said).not_to_have_text("")
-    expect(page.locator(".follow-run")).to_be_enabled()
+    expect(said).to_have_text(re.compile("^Ran to the end: cell as taught: 2 level surfaces, .* mm/s and "))
+    follow, shown = page.locator(".follow-run"), page.locator(".program-path output")
+    expect(follow).to_have_attribute("aria-pressed", "true")
+    expect(shown).to_contain_text("simulated run")
+    follow.click()
+    expect(shown, "as taught").to_contain_text(" · 6 move · ")
+    follow.click()
     assert path_places(page) == before, "with its result"
     for size, place in zip(SIZES.values(), before, strict=True):
         page.set_viewport_size(size)

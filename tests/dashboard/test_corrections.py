@@ -21,27 +21,42 @@ from harness.processes import eventually
 
 pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
+AGE_S = 12.0  # of the demonstration when the page is opened: its first three segments are final
 
 
 @pytest.fixture(scope="module")
-def taught(stage: Stage, browser: Browser) -> Iterator[tuple[Operator, Caesura]]:
-    """A station that is taught while the tests of this module last."""
-    stage.teach("cell-1", patient())
+def visitor(browser: Browser) -> Iterator[Visitor]:
     visitor = Visitor(browser)
-    with stage.reader() as caesura, Subscriber(caesura, "cell-1").listening() as wire:
+    yield visitor
+    visitor.close()
+
+
+@pytest.fixture(scope="module")
+def slow(visitor: Visitor) -> SlowSocket:
+    """What the dashboard sends to the page, from its only load on."""
+    return SlowSocket(visitor.page)
+
+
+@pytest.fixture(scope="module")
+def taught(stage: Stage, visitor: Visitor, slow: SlowSocket) -> Iterator[tuple[Operator, Caesura]]:
+    """A station that is taught while the tests of this module last."""
+    with (
+        stage.aged("cell-1", patient(), AGE_S),
+        stage.reader() as caesura,
+        Subscriber(caesura, "cell-1").listening() as wire,
+    ):
         operator = Operator(stage, visitor, wire, "cell-1")
         operator.wait_for_three_segments()
         yield operator, caesura
-    visitor.close()
-    stage.kill("cell-1")
 
 
 @pytest.fixture
-def operator(taught: tuple[Operator, Caesura]) -> Iterator[Operator]:
+def operator(taught: tuple[Operator, Caesura], slow: SlowSocket) -> Iterator[Operator]:
     """The operator of that station, where nothing is corrected."""
     operator, caesura = taught
     operator.look_at_the_beginning()
     yield operator
+    slow.release()  # what a test that failed still held
     operator.undo_everything(caesura)
     assert operator.visitor.errors == []
 
@@ -220,13 +235,9 @@ def test_everything_goes_without_a_mouse(operator: Operator):
         operator.is_shown(f"There is nothing to {what}.")
 
 
-def test_what_takes_long_says_that_it_is_under_way(operator: Operator):
+def test_what_takes_long_says_that_it_is_under_way(operator: Operator, slow: SlowSocket):
     """An hour that is over is rebuilt for a minute: the menu stayed empty, and so did the page."""
     page, menu = operator.page, operator.page.locator(".correct-menu")
-    slow = SlowSocket(page)
-    page.reload()
-    operator.wait_for_three_segments()
-    operator.look_at_the_beginning()
     slow.hold("previewed")
     page.mouse.click(*operator.place(T), button="right")
     menu.locator(".insert").hover()
@@ -256,12 +267,10 @@ def test_a_name_is_asked_for_at_the_first_correction_which_then_is_made(operator
     operator.wire.until(lambda: operator.wire.now.program.author == "Bea")
 
 
-def test_who_comes_second_is_refused_and_sees_what_is_there(operator: Operator, stage: Stage):
+def test_who_comes_second_is_refused_and_sees_what_is_there(
+    operator: Operator, slow: SlowSocket, stage: Stage
+):
     """Both have seen the same; what the dashboard says reaches this browser late."""
-    slow = SlowSocket(operator.page)
-    operator.page.reload()
-    operator.wait_for_three_segments()
-    operator.look_at_the_beginning()
     revision = operator.wire.now.status.revision
     operator.click(T)
     slow.hold()

@@ -33,9 +33,9 @@ from caesura_service.changepoint.constant_models import (
 )
 from caesura_service.changepoint.continued_level import ContinuedLevel
 from caesura_service.changepoint.corner_weight import CornerWeight
+from caesura_service.changepoint.dissipative_contact import DissipativeContactWeight
 from caesura_service.changepoint.filter_parameters import FilterParameters
 from caesura_service.changepoint.force_rise_penalty import NoContactRise
-from caesura_service.changepoint.friction_cone import FrictionConeWeight
 from caesura_service.changepoint.guided_motion import GuidedMotion
 from caesura_service.changepoint.preset import BESIDE_MOVEMENT, STEP_S, Preset
 from caesura_service.changepoint.profile_library import Profile, ProfileLibrary, lognormal, minimum_jerk
@@ -186,7 +186,7 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
         "untouched": continued(FreeSpaceForce(QUIET, bias=bias_n, absence=beyond, most_kg=LOAD_KG)),
         "not_set_in": NoContactRise(scale=FORCE_IN_MOTION_N, most_kg=LOAD_KG),
         "pressed": StudentRandomWalk("force", scale=0.5, presence=beyond),
-        "slid_along": FrictionConeWeight(least=beyond, pace=SLOW),
+        "resisting": DissipativeContactWeight(least=beyond, pace=SLOW),
         "laden": continued(LoadForce(QUIET, bias=bias_n, absence=beyond, most_kg=LOAD_KG)),
         "empty": GripperHoldingChain(0.01 * _LADEN_WEIGHT),
         "gripping": GripperHoldingChain(0.5, change=0.05),
@@ -211,7 +211,7 @@ def stroke_channels(bias_n: float) -> Mapping[str, ChannelModel]:
 STROKE_KINDS = (
     SegmentKind("motion", "motion", "free", ("moving", "untouched", "empty")),
     SegmentKind("steady", "steady", "free", ("still", "untouched", "empty")),
-    SegmentKind("sliding", "motion", "contact", ("moving", "pressed", "slid_along", "gripping")),
+    SegmentKind("sliding", "motion", "contact", ("moving", "pressed", "resisting", "gripping")),
     SegmentKind("contact", "steady", "contact", ("stopped", "pressed", "gripping")),
     SegmentKind("transport", "motion", "transport", ("moving", "laden", "holding"), _LADEN_WEIGHT),
     SegmentKind("hold", "steady", "transport", ("still", "laden", "holding"), _LADEN_WEIGHT),
@@ -352,9 +352,9 @@ def _paceless(bias_n: float) -> Channels:
     }
 
 
-def _frictionless(bias_n: float) -> Channels:
+def _driven(bias_n: float) -> Channels:
     """Return channels in which a movement under any force beyond a bias slides, whatever its direction."""
-    return {"slid_along": FrictionConeWeight(least=0.0, pace=SLOW)}
+    return {"resisting": DissipativeContactWeight(least=0.0, pace=SLOW)}
 
 
 def _torqueless(bias_n: float) -> Channels:
@@ -391,7 +391,7 @@ _CHANGED_CHANNELS: Mapping[str, Callable[[float], Channels]] = {
     "change": _rising_contact,
     "correlation": _white,
     "pace": _paceless,
-    "friction": _frictionless,
+    "dissipation": _driven,
     "torque": _torqueless,
 }
 WITHOUT: Mapping[str, Preset] = {

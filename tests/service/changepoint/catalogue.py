@@ -28,9 +28,9 @@ from caesura_service.changepoint.constant_velocity import ConstantVelocity
 from caesura_service.changepoint.contact_mixture import CONTACT, FREE, TRANSPORT, ContactMixture
 from caesura_service.changepoint.continued_level import ContinuedLevel
 from caesura_service.changepoint.corner_weight import CornerWeight
+from caesura_service.changepoint.dissipative_contact import DissipativeContactWeight
 from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.force_rise_penalty import NoContactRise
-from caesura_service.changepoint.friction_cone import FrictionConeWeight
 from caesura_service.changepoint.guided_motion import GuidedMotion
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.profile_library import ProfileLibrary, first_order, minimum_jerk, overdamped
@@ -237,7 +237,7 @@ MODELS: dict[str, Entry] = {
 EVERYTHING: dict[str, ChannelModel] = {
     **{name: entry.model for name, entry in MODELS.items()},
     "held": GripperHoldingChain(0.2, change=0.1),
-    "friction": FrictionConeWeight(least=2.0, pace=0.002),
+    "dissipation": DissipativeContactWeight(least=2.0, pace=0.002),
     "corner": CornerWeight(gamma=30.0, pace=0.0005),
     "corner, standing": CornerWeight(gamma=30.0, pace=0.0005, standing=10.0, fast=0.004),
     "corner, straight": CornerWeight(gamma=30.0, pace=0.0005, straight=0.8),

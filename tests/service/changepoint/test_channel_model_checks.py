@@ -19,9 +19,9 @@ from caesura_service.changepoint.constant_models import GripperHoldingChain
 from caesura_service.changepoint.continued_level import ContinuedLevel
 from caesura_service.changepoint.corner_weight import CornerWeight
 from caesura_service.changepoint.default_presets import default_channels
+from caesura_service.changepoint.dissipative_contact import DissipativeContactWeight
 from caesura_service.changepoint.evidence import known_mean_log_evidence, log_mean_exp
 from caesura_service.changepoint.force_rise_penalty import NoContactRise
-from caesura_service.changepoint.friction_cone import FrictionConeWeight
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.profile_model import ProfileModel
 from caesura_service.changepoint.rate_of_change_bounds import RateOfChangeBounds
@@ -326,7 +326,7 @@ def test_the_catalogue_has_every_model_of_every_preset() -> None:
     used = {type(model) for preset in PRESETS.values() for model in preset.channels(1.5).values()}
     listed = {type(entry.model) for entry in MODELS.values()} | {
         GripperHoldingChain,
-        FrictionConeWeight,
+        DissipativeContactWeight,
         CornerWeight,
         NoContactRise,
         RateOfChangeBounds,

@@ -35,7 +35,7 @@ TOUCHED = {
     "without_straight_ways": {"corner", "turned_back"},
     "without_correlation": {"moving", "untouched", "pressed", "laden"},
     "without_pace": {"moving", "still"},
-    "without_friction": {"slid_along"},
+    "without_dissipation": {"resisting"},
     "without_torque": {"resisted", "unresisted"},
     "without_load_by_weight": {"untouched", "not_set_in"},
     "without_traced_motion": {"traced"},

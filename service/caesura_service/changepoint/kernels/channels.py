@@ -20,8 +20,8 @@ from caesura_service.changepoint.kernels.layout import (
     CONSTANT,
     CONTACT,
     CORNER,
+    DISSIPATION,
     FORCE,
-    FRICTION,
     GUIDED,
     HELD,
     HOLDING,
@@ -88,8 +88,8 @@ def take(here, c, joins):
 def take_weighing(here, c, joins):
     """Process an observation as `take` does, in a channel that weighs steps or starts."""
     which = model_at(here).channels[c].model
-    if which == FRICTION:
-        friction(here, c, joins)
+    if which == DISSIPATION:
+        dissipation(here, c, joins)
     elif which == GUIDED:
         guided(here, c, joins)
     elif which == TRACED:
@@ -174,8 +174,8 @@ def force_of(seen, heaviest):
 
 
 @compiled
-def friction(here, c, joins):
-    """`FrictionConeWeight`. Field: log weight. The step is the same for every hypothesis."""
+def dissipation(here, c, joins):
+    """`DissipativeContactWeight`. Field: log weight. The step is the same for every hypothesis."""
     model, state = model_at(here), state_at(here)
     channel, now = model.channels[c], state.now
     force2 = along = 0.0
@@ -183,9 +183,8 @@ def friction(here, c, joins):
         force2 += now[FORCE + a] ** 2
         along += now[FORCE + a] * (now[a] - state.previous[a]) if joins else 0.0
     along /= math.sqrt(step_squared(here, 0, joins) + channel.pace**2)
-    across2 = max(force2 - along**2, 0.0)
-    outside = max(along, -along - math.sqrt(across2), 0.0)
-    log_evidence = log_presence(across2, channel.least) + log_absence(outside**2, channel.least)
+    driving2 = max(along, 0.0) ** 2
+    log_evidence = log_presence(force2 - driving2, channel.least) + log_absence(driving2, channel.least)
     add_to_all(state.sums[channel.field], state.channel[c], log_evidence, whole(state.counters[0].living))
 
 

@@ -37,7 +37,7 @@ FORCES = 2 * AXES  # first column of the forces in `State.past`
 WEIGHED, PRECISION, NORM, LOG_SCALE = range(4)
 
 # What a channel model is, and where a segment counts from.
-PROFILED, WALK, CONSTANT, BIASED, LADEN, CARRIED, HELD, CONTACT, VELOCITY, FRICTION = range(10)
+PROFILED, WALK, CONSTANT, BIASED, LADEN, CARRIED, HELD, CONTACT, VELOCITY, DISSIPATION = range(10)
 GUIDED, CORNER, PIVOT, PACE, NO_RISE, RESISTANCE, TRACED = range(10, 17)
 PREVIOUS, FIRST, ZERO = range(3)
 

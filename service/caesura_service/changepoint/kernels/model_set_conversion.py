@@ -26,10 +26,10 @@ from caesura_service.changepoint.constant_velocity import ConstantVelocity
 from caesura_service.changepoint.contact_mixture import ContactMixture
 from caesura_service.changepoint.continued_level import ContinuedLevel
 from caesura_service.changepoint.corner_weight import CornerWeight
+from caesura_service.changepoint.dissipative_contact import DissipativeContactWeight
 from caesura_service.changepoint.evidence import student_log_density
 from caesura_service.changepoint.filter_parameters import FilterParameters
 from caesura_service.changepoint.force_rise_penalty import NoContactRise
-from caesura_service.changepoint.friction_cone import FrictionConeWeight
 from caesura_service.changepoint.guided_motion import GuidedMotion
 from caesura_service.changepoint.hazard import Hazard
 from caesura_service.changepoint.kernels import layout
@@ -304,8 +304,8 @@ def _velocity(model: ConstantVelocity) -> Record:
     }
 
 
-def _friction(model: FrictionConeWeight) -> Record:
-    return {"model": layout.FRICTION, "least": model.least, "pace": model.pace}
+def _dissipation(model: DissipativeContactWeight) -> Record:
+    return {"model": layout.DISSIPATION, "least": model.least, "pace": model.pace}
 
 
 def _guided(model: GuidedMotion) -> Record:
@@ -411,7 +411,7 @@ RECORDS: Mapping[type, Callable[[Any], Record]] = {
     GripperHoldingChain: _held,
     ContactMixture: _contact,
     ConstantVelocity: _velocity,
-    FrictionConeWeight: _friction,
+    DissipativeContactWeight: _dissipation,
     GuidedMotion: _guided,
     TracedMotion: _traced,
     CornerWeight: _corner,
@@ -432,7 +432,7 @@ _WIDTHS: Mapping[type, int] = {
     GripperHoldingChain: 2,
     ContactMixture: 2 + layout.STATES,
     ConstantVelocity: 12,
-    FrictionConeWeight: 1,
+    DissipativeContactWeight: 1,
     GuidedMotion: 1 + MOST_SHARES,
     TracedMotion: 2 + MOST_SHARES + AXES,
     CornerWeight: MOST_CHORDS,

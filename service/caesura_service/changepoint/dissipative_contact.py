@@ -1,4 +1,4 @@
-"""The friction of a surface on a sliding tool: a weight on the force, given the direction of the movement."""
+"""A weight on the force of a contact during a movement: it does no work on the robot."""
 
 from __future__ import annotations
 
@@ -20,17 +20,16 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class FrictionConeWeight:
-    """A surface exerts a normal force across the movement and friction against it; it never drives it.
+class DissipativeContactWeight:
+    """A surface that is slid along, or an object that is pushed, takes up energy: it never drives the robot.
 
-    Coulomb: the force lies in a cone about the surface's normal, with a friction coefficient of at most 1.
-    With f∥ along the step and f⊥ across it, every sample is weighed by 1 − exp(−f⊥²/2 least²), because there
-    always is a normal force. It is also weighed by exp(−e²/2 least²) with e = max(f∥, −f∥ − f⊥, 0), by which
-    the force exceeds the cone. A tool that pushes a yielding object in, or is pushed back by it, does not
-    slide; nor does a free movement with a bias along it. The weight is at most 1.
+    With f∥ along the step and o = max(f∥, 0), every sample is weighed by exp(−o²/2 least²), because the force
+    does no work on the robot. It is also weighed by 1 − exp(−(f² − o²)/2 least²), because there always is a
+    force across the movement or against it. So a spring that pushes the robot back does not slide, nor does a
+    free movement with a bias along it. The weight is at most 1.
 
-    least [N]: least normal force that differs from a bias; 0 disables the weight. pace [m]: a step much
-    shorter than this has no direction.
+    least [N]: least force that differs from a bias; 0 disables the weight. pace [m]: a step much shorter than
+    this has no direction.
     """
 
     least: float
@@ -49,9 +48,9 @@ class FrictionConeWeight:
     def log_weight(self, force: Array, step: Array) -> float:
         """Return the log weight of a force (3,) [N] at the end of a step (3,) [m]."""
         along = float(force @ step) / float(np.sqrt(step @ step + self.pace**2))
-        across2 = max(float(force @ force) - along**2, 0.0)
-        outside = max(along, -along - np.sqrt(across2), 0.0)
-        return float(log_presence(across2, self.least) + log_absence(outside**2, self.least))
+        driving2 = max(along, 0.0) ** 2
+        resisting = log_presence(float(force @ force) - driving2, self.least)
+        return float(resisting + log_absence(driving2, self.least))
 
     def log_evidence(self, rows: Rows) -> Array:
         """Return (h,) log evidence of each hypothesis."""

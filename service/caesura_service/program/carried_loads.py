@@ -102,19 +102,26 @@ def is_from_air(kept: Sequence[ProgramSegment], touched: int) -> bool:
 def hanging(step: ProgramSegment, context: Context) -> ProgramSegment:
     """Return a step in contact as a carry with its load, where its force hangs on the robot.
 
-    A rest is one only with something in hand. A surface pushes back; only a load pulls straight down.
+    A rest is one only with something in hand. A surface pushes back; only a load pulls straight down. A rest
+    in contact may be a fast lift: if it leads somewhere, it is a movement.
     """
     if not step.touches or not hangs(step.segment.force, context.up):
         return step
-    if step.segment.kind == "contact" and not holds(step, context.grips):
+    rests = step.segment.kind == "contact"
+    if rests and not holds(step, context.grips):
         return step
-    return as_carry_of(step.segment.force, step, context)
+    lifts = rests and length(step.moved) >= NOWHERE_M
+    moving = {"kind": "transport", "motion": "motion"} if lifts else {}
+    return as_carry_of(step.segment.force, step, context, **moving)
 
 
-def as_carry_of(force: Vector, step: ProgramSegment, context: Context) -> ProgramSegment:
-    """Return a contact as a carry of the load whose weight is a force [N]; of none for one that pushes up."""
+def as_carry_of(force: Vector, step: ProgramSegment, context: Context, **fields: str) -> ProgramSegment:
+    """Return a contact as a carry of the load whose weight is a force [N]; of none for one that pushes up.
+
+    fields: other fields of the segment.
+    """
     down = max(_weight_n(force, context.up), 0.0)
-    return step.read_as("transport", load_kg=down / GRAVITY, load_sd_kg=HANGING_SD_N / GRAVITY)
+    return step.read_as("transport", load_kg=down / GRAVITY, load_sd_kg=HANGING_SD_N / GRAVITY, **fields)
 
 
 def hangs(force: Vector, up: Vector) -> bool:

@@ -204,7 +204,8 @@ def test_a_load_that_stands_where_it_was_gripped_is_not_held_yet(
 
 
 def test_a_rest_under_a_load_is_a_hold_where_the_fingers_hold_something() -> None:
-    rest = segment("contact", 2.0, 3.5, force_held=(-0.2, 0.1, -4.6))
+    here = (0.0, 0.0, 0.2)
+    rest = segment("contact", 2.0, 3.5, force_held=(-0.2, 0.1, -4.6), position_start=here, position_end=here)
     carry = segment("transport", 1.0, 2.0, load_kg=0.5, load_sd_kg=0.05)
     assert kinds(program(carry, rest, grips=(GRASP,)))[1:] == ["transport", "hold"]
     assert kinds(program(carry, rest)) == ["transport", "apply_force"]
@@ -311,6 +312,20 @@ def test_a_load_that_changes_on_the_way_is_that_of_its_part(
         at=stopping_at,
     )
     assert [app.load_kg for app in made if app.kind == "transport"] == pytest.approx(loads, abs=0.01)
+
+
+def test_a_fast_lift_that_the_filter_finds_as_a_rest_in_contact_is_a_transport() -> None:
+    """A robot lifted a load by 52 mm in 0.3 s: its hold on the table ended there, without a transport."""
+    here, above = (0.0, 0.0, 0.2), (0.0, 0.0, 0.25)
+    load, hung = {"load_kg": 0.4, "load_sd_kg": 0.02}, (0.0, 0.0, -6.0)
+    made = program(
+        segment("hold", 1.0, 2.5, **load, position_start=here, position_end=here),
+        segment("contact", 2.5, 2.8, force_held=hung, position_start=here, position_end=above),
+        segment("transport", 2.8, 4.0, **load, position_start=above, position_end=(0.3, 0.0, 0.25)),
+        grips=(GRASP,),
+        at=stopping_at,
+    )
+    assert kinds(made) == ["grasp", "hold", "transport", "transport"]
 
 
 def test_a_step_too_short_to_be_weighed_well_has_the_load_of_the_others() -> None:

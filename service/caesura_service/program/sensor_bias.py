@@ -2,12 +2,14 @@
 
 Until the tool has left the contact, the bias is the force before it. It changes with time and with the
 position, because a tool's weight is never compensated exactly. So it is linear in both, fitted by ridge
-regression to the last two seconds before a contact and the first two after it. Observations that already push
-back before the contact, or before the next one, are left out.
+regression to the last two seconds before a contact and the first two after it. The mass of the tool, whose
+inertia the sensor measures, is fitted with it. Observations that already push back before the contact, or
+before the next one, are left out.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import groupby
@@ -34,10 +36,12 @@ BASE_S = 1.0  # before a contact, over which the force is what the sensor makes 
 MOST_WANDER_N = 3.0 * TARED_BIAS_N  # of what a sensor makes up, from before a contact to after it
 AROUND_S = 2.0  # before and after a contact
 TOUCHING_S, LETTING_GO_S = 0.1, 0.3  # of that, what may lie in the contact: a boundary is only so exact
+AT_TOUCH_M = 0.003  # so near to the end of a way something may be touched
 WANDER_M, WANDER_S = 0.15, 10.0  # over which it wanders by about `WANDER_N`
 WANDER_N, OFFSET_N = 1.0, 3.0  # standard deviations of its wander, and of its size beside the force before
 SPRUNG_SHARE = 0.2  # of the change of a spring's force on a way
-READ_VARIANCE = 2.0  # [N²] of a reading: noise and the tool's inertia, which last over several readings
+TOOL_KG = 1.0  # standard deviation of the mass below the sensor that is not compensated
+READ_VARIANCE = 0.25  # [N²] of a reading: its noise in motion lasts over several readings
 
 Array = NDArray[np.float64]
 
@@ -45,26 +49,36 @@ Array = NDArray[np.float64]
 def with_bases(kept: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
     """Return the steps; the bias of contacts is fitted to the force on both sides of them.
 
-    If the fingers move, a spring acts, or the change exceeds a sensor's bias, it has another cause. The base
-    is then the force before the contact.
+    If the fingers move, or a spring acts, the force after a contact has another cause. It is not known either
+    before the tool has left. The bias is then that at the end of the way to the contact, fitted to its force
+    alone. If the change exceeds a sensor's bias, the base stays the force before the contact.
     """
     based: list[ProgramSegment] = []
     for touches, run in groupby(kept, key=lambda step: step.touches):
         steps, place = list(run), len(based)
         based += steps
-        if not touches or place == 0 or len(based) == len(kept):
+        if not touches or place == 0:
             continue
-        before, after = kept[place - 1].segment, kept[len(based)].segment
-        left = _force_at_start(after, context)
-        changed = np.subtract(left, steps[0].base)
-        if before.contact != after.contact or length(changed) >= MOST_WANDER_N:
-            continue
-        if context.fingers_move(before.tn, after.t0) or any(_sprung(way, context) for way in (before, after)):
-            continue
-        bias = bias_between(before, after, steps[0].base, left, context.moment_at)
+        before, after = kept[place - 1].segment, kept[len(based)].segment if len(based) < len(kept) else None
+        bias = _bias(before, after, steps[0].base, context)
         for k, step in enumerate(steps, start=place):
             based[k] = replace(step, base=bias(0.5 * (step.segment.t0 + step.segment.tn)))
     return based
+
+
+def _bias(
+    before: Segment, after: Segment | None, base: Vector, context: Context
+) -> Callable[[float], Vector]:
+    """Return a function of the time [s] for the bias [N] in a contact between two segments; after: if any."""
+    if _sprung(before, context):
+        return lambda t: base
+    if after is None or before.contact != after.contact or context.fingers_move(before.tn, after.t0):
+        touched = bias_between(before, None, base, base, context.moment_at)(before.tn)
+        return lambda t: touched
+    left = _force_at_start(after, context)
+    if length(np.subtract(left, base)) >= MOST_WANDER_N or _sprung(after, context):
+        return lambda t: base
+    return bias_between(before, after, base, left, context.moment_at)
 
 
 def base_after(before: ProgramSegment, context: Context) -> Vector:
@@ -98,34 +112,56 @@ def _sprung(way: Segment, context: Context) -> tuple[Array, ...]:
 
 
 def bias_between(
-    before: Segment, after: Segment, base: Vector, left: Vector, moment_at: MomentAt
+    before: Segment, after: Segment | None, base: Vector, left: Vector, moment_at: MomentAt
 ) -> Callable[[float], Vector]:
     """Return a function of the time [s] for the bias [N] between two segments in the air.
 
-    base, left: the force [N] before the contact, and after it.
+    after: None if only the one before is known; base, left: the force [N] before the contact, and after it.
     """
     origin = moment_at(observed(before.t0, before.tn)[-1])
     approach = observed(max(before.t0, before.tn - AROUND_S), before.tn - TOUCHING_S)
-    times = [
-        *_in_air(approach, base, moment_at),
-        *_in_air(observed(after.t0 + LETTING_GO_S, min(after.t0 + AROUND_S, after.tn)), left, moment_at),
-    ]
-    seen = [(t, moment_at(t)) for t in times if before.t0 < t < before.tn or after.t0 < t < after.tn]
+    away = [t for t in approach if math.dist(moment_at(t).position, origin.position) >= AT_TOUCH_M]
+    times = [t for t in _in_air(away or approach, base, moment_at) if before.t0 < t < before.tn]
+    if after is not None:
+        leaving = observed(after.t0 + LETTING_GO_S, min(after.t0 + AROUND_S, after.tn))
+        times += [t for t in _in_air(leaving, left, moment_at) if after.t0 < t < after.tn]
     known = [
-        (_row(t, moment, before.tn, origin), moment.force) for t, moment in seen if moment.force is not None
+        (_row(t, moment, before.tn, origin), moment.force, _acceleration(t, moment_at))
+        for t, moment in zip(times, map(moment_at, times), strict=True)
+        if moment.force is not None
     ]
     if not known:
         return lambda t: base
-    rows, forces = np.array([row for row, _ in known]), np.array([force for _, force in known])
-    prior = np.diag([OFFSET_N**-2.0, *[WANDER_N**-2.0] * 4])
-    left = rows.T @ rows / READ_VARIANCE + prior
-    slopes = np.linalg.solve(left, rows.T @ (forces - base) / READ_VARIANCE)
+    rows, forces = np.array([row for row, _, _ in known]), np.array([force for _, force, _ in known])
+    slopes = _fitted(rows, forces - base, np.array([shaken for _, _, shaken in known]))
 
     def at(t: float) -> Vector:
         x, y, z = (np.asarray(base) + _row(t, moment_at(t), before.tn, origin) @ slopes).tolist()
         return x, y, z
 
     return at
+
+
+def _fitted(rows: Array, forces: Array, accelerations: Array) -> Array:
+    """Return the slopes (5, 3) [N] of the bias, fitted to forces (n, 3) [N] by ridge regression.
+
+    rows: (n, 5) regressors; accelerations: (n, 3) [m/s²]. The slopes are linear in the tool's mass, so it is
+    fitted to what they leave of the forces.
+    """
+    precision = rows.T @ rows + READ_VARIANCE * np.diag([OFFSET_N**-2.0, *[WANDER_N**-2.0] * 4])
+    gain = np.linalg.solve(precision, rows.T)
+    left_n, left_m_per_s2 = (values - rows @ (gain @ values) for values in (forces, accelerations))
+    weight = np.vdot(accelerations, left_m_per_s2) + READ_VARIANCE / TOOL_KG**2
+    mass_kg = -np.vdot(accelerations, left_n) / weight
+    slopes: Array = gain @ (forces + mass_kg * accelerations)
+    return slopes
+
+
+def _acceleration(t: float, moment_at: MomentAt) -> Array:
+    """Return the acceleration (3,) [m/s²] at an observation, from the positions beside it."""
+    before, here, after = (np.array(moment_at(t + OBSERVED_S * k).position) for k in (-1, 0, 1))
+    change: Array = (after - here) - (here - before)
+    return change / OBSERVED_S**2
 
 
 def _in_air(times: Sequence[float], base: Vector, moment_at: MomentAt) -> Sequence[float]:

@@ -71,15 +71,16 @@ def still_touching(
 def set_down(
     last: ProgramSegment, step: ProgramSegment, ahead: ProgramSegment | None, context: Context
 ) -> ProgramSegment:
-    """Return a carry, or a short movement into a contact, as a contact if its force changes and stays
-    changed.
+    """Return a carry, or a rest or a short movement before a contact, as a contact if its force changes and
+    stays changed.
 
     A load keeps its weight, and in the air nothing resists a movement. So a change of `UNLIKE_N`, more than a
     bias can account for, is a touch. In a rest directly before a contact, `PUSHES_BACK_N` along its force is
     one, as in a rest after it. A load that weighs more has been lifted off its support: no touch.
     """
     segment = step.segment
-    arrives = segment.kind == "motion" and ahead is not None and ahead.touches and may_press_in(step)
+    waits = segment.kind == "steady" or (segment.kind == "motion" and may_press_in(step))
+    arrives = waits and ahead is not None and ahead.touches
     if last.segment.contact != segment.contact or not (segment.contact == "transport" or arrives):
         return step
     base = base_after(last, context)

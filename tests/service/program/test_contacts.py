@@ -381,3 +381,23 @@ def test_a_force_before_a_gap_in_a_press_was_not_held_through_it() -> None:
     (press,) = (app for app in made if app.force is not None)
     assert press.segments == (1, 2)
     assert press.weaker_n is None
+
+
+@pytest.mark.parametrize(("pushed_n", "rest_n"), [(4.0, 4.0), (2.0, None)])
+def test_a_rest_before_a_stroke_is_pressed_where_its_force_adds_to_the_one_before(
+    pushed_n: float, rest_n: float | None
+) -> None:
+    """A robot touched with 5.5 N and a bias of -3 N: the rest was in the air, and the bias of the stroke."""
+
+    def at(t: float) -> Moment:
+        return drifted(t, pushed_n=10.0 if t >= 2.7 else pushed_n if t >= 2.0 else 0.0)
+
+    here = {"position_start": (0.0, 0.0, 0.2), "position_end": (0.0, 0.0, 0.2)}
+    apps = program(
+        segment("motion", 0.0, 2.0),
+        segment("steady", 2.0, 2.7, **here),
+        segment("sliding", 2.7, 4.0, **held(10.0), **ACROSS),
+        at=at,
+    )
+    rest = apps[-1].rest_before
+    assert (None if rest is None else rest.newton_taught) == pytest.approx(rest_n)

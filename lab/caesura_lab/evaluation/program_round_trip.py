@@ -6,7 +6,8 @@ was run lies within 5 mm and 2° of the demonstrated one. Paths are compared app
 from every place of the demonstration to the nearest of the run, and back. One movement that the two programs
 divide otherwise is the same if the motion is (`divided_movements`).
 
-Beside the measured forces it states the forces on the simulated surfaces. Where only a measured one is off,
+Beside the measured forces it states the forces on the simulated surfaces: those of the run against those of
+the program, and those of the program against those of the demonstration. Where only a measured one is off,
 the error is that of the run's sensor.
 """
 
@@ -41,6 +42,8 @@ from caesura_protocol.programs.document import document_of_apps
 from caesura_protocol.programs.document_timing import RunSpeed
 from caesura_protocol.programs.safety import CellSettings, Safety
 from caesura_protocol.recording import Recording
+from caesura_service.program.program_segment import PUSHES_BACK_N
+from caesura_service.program.stroke_forces import PRESS_SHARE
 
 Array = NDArray[np.float64]
 MotionDifference = Callable[[Difference], str | None]
@@ -76,7 +79,8 @@ class RoundTripResult:
     taught, executed: kinds of the apps; target_m: app by app, or movement by movement where one is divided
     otherwise; force: errors of presses, relative; path_m, path_rad: largest distance and angle between the
     demonstrated path and the one that was run, app by app that moves; exerted: errors of the forces on the
-    simulated surfaces, relative; why: the reason of a failure, None for a success.
+    simulated surfaces, relative; stated: errors of the program's forces, relative to those with which the
+    hand pressed on the surfaces; why: the reason of a failure, None for a success.
     """
 
     case: RoundTripCase
@@ -88,6 +92,7 @@ class RoundTripResult:
     path_m: tuple[float, ...] = ()
     path_rad: tuple[float, ...] = ()
     exerted: tuple[float, ...] = ()
+    stated: tuple[float, ...] = ()
 
 
 def run_round_trip(case: RoundTripCase) -> RoundTripResult:
@@ -133,8 +138,9 @@ def run_round_trip(case: RoundTripCase) -> RoundTripResult:
     ]
     path_m, path_rad = tuple(one[0] for one in off), tuple(one[1] for one in off)
     exerted = tuple(exerted_errors(run_apps, done.spans, done.trace.contact))
+    stated = tuple(stated_errors(taught.apps, teaching.contact))
     reason = result.why or _path_error(path_m, path_rad)
-    return replace(result, path_m=path_m, path_rad=path_rad, exerted=exerted, why=reason)
+    return replace(result, path_m=path_m, path_rad=path_rad, exerted=exerted, stated=stated, why=reason)
 
 
 def exerted_errors(
@@ -145,16 +151,41 @@ def exerted_errors(
     It is the median over the second half of that time, in which the force has risen. spans: begin and end [s]
     of each app; contact: (n, 3) [N] at every tick.
     """
-    for app, (begun, ended) in zip(apps, spans, strict=True):
-        if not APP_KINDS[app.kind].presses:
-            continue
-        (before_s, after_s), (before_n, after_n) = rests_of(app), rest_newtons(app)
-        times = (begun, begun + before_s, ended - after_s, ended)
-        for (t0, tn), asked_n in zip(pairwise(times), (before_n, _size(app.force), after_n), strict=True):
-            ticks = slice(round(TICKS_PER_S * 0.5 * (t0 + tn)), round(TICKS_PER_S * tn))
-            if ticks.start < ticks.stop:
-                newton = float(np.median(np.linalg.norm(contact[ticks], axis=1)))
-                yield newton / max(asked_n, REST_N) - 1.0
+    for app, span in zip(apps, spans, strict=True):
+        (before_n, after_n), newton = rest_newtons(app), _size(app.force)
+        for (t0, tn), asked_n in zip(_pressed_times(app, span), (before_n, newton, after_n), strict=False):
+            exerted_n = np.linalg.norm(contact[_ticks(0.5 * (t0 + tn), tn)], axis=1)
+            if exerted_n.size:
+                yield float(np.median(exerted_n)) / max(asked_n, REST_N) - 1.0
+
+
+def stated_errors(apps: Sequence[App], contact: Array) -> Iterator[float]:
+    """Yield the signed relative error of each force that a program states: in a rest, on a path, in a rest.
+
+    The hand's force is the median while it pressed, as for the program: without the touch and the release.
+    contact: (n, 3) [N] at every tick of the demonstration, on the simulated surfaces.
+    """
+    for app in apps:
+        rests = [None if rest is None else rest.newton_taught for rest in (app.rest_before, app.rest_after)]
+        stated = ((rests[0], 0.0), (_size(app.force_taught), PRESS_SHARE), (rests[1], 0.0))
+        for times, (stated_n, share) in zip(_pressed_times(app, run_times(app)), stated, strict=False):
+            hand_n = np.linalg.norm(contact[_ticks(*times)], axis=1)
+            least_n = max(share * float(np.quantile(hand_n, 0.9)), PUSHES_BACK_N) if hand_n.size else 0.0
+            pressed_n = hand_n[hand_n >= least_n]
+            if stated_n is not None and pressed_n.size:
+                yield stated_n / float(np.median(pressed_n)) - 1.0
+
+
+def _pressed_times(app: App, span: tuple[float, float]) -> Sequence[tuple[float, float]]:
+    """Return begin and end [s] of the rest, the path and the rest of an app over a span; () for no press."""
+    if not APP_KINDS[app.kind].presses:
+        return ()
+    (begun, ended), (before_s, after_s) = span, rests_of(app)
+    return tuple(pairwise((begun, begun + before_s, ended - after_s, ended)))
+
+
+def _ticks(t0: float, tn: float) -> slice:
+    return slice(round(TICKS_PER_S * t0), round(TICKS_PER_S * tn))
 
 
 def path_distance(one: AppPoses, other: AppPoses) -> tuple[float, float]:
@@ -315,6 +346,8 @@ def _grids(summary: Mapping[str, Sequence[RoundTripResult]]) -> list[Grid]:
         "worst",
         "exerted [%]",
         "worst",
+        "stated [%]",
+        "worst",
         "path [mm]",
         "worst",
         "turn [°]",
@@ -337,6 +370,7 @@ def _row(name: str, results: Sequence[RoundTripResult]) -> tuple[str, ...]:
         *_spread([1000 * error for result in results for error in result.target_m]),
         *_spread([100 * abs(error) for result in results for error in result.force]),
         *_spread([100 * abs(error) for result in results for error in result.exerted]),
+        *_spread([100 * abs(error) for result in results for error in result.stated]),
         *_spread([1000 * off for result in results for off in result.path_m]),
         *_spread([math.degrees(off) for result in results for off in result.path_rad]),
     )

@@ -97,6 +97,7 @@ class SimulatedTeaching:
         self._sensors = Sensors(robot, plan, wrench_source, rng, tared=tared)
         self._stride = 1.0 / (DT * rate_hz)
         self._states: list[TrueState] = []
+        self._contact: list[Array] = []
         self.signals = _signals(wrench_source)
         self.columns = columns_of(self.signals, robot.joints)
         self.setting = CellSettings(robot=robot.description.name)
@@ -106,11 +107,17 @@ class SimulatedTeaching:
         while not self._guiding.done:
             trace = self._guiding.run(max(1, round(seconds / DT)))
             self._states.append(self._state(trace))
+            self._contact.append(trace.contact)
             read = self._sensors.read(trace)
             matrix = np.column_stack([trace.t, *(read[s] for s in self.signals)])
             chosen = matrix[self._reported(trace.t)]
             if chosen.size:
                 yield chosen
+
+    @property
+    def contact(self) -> Array:
+        """The force (n, 3) [N] of the surfaces on the robot at every tick that has been read."""
+        return np.concatenate(self._contact) if self._contact else np.empty((0, 3))
 
     def truth(self) -> Truth:
         """Return the truth in the annotation format of real recordings, and more.

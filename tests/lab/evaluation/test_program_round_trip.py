@@ -17,9 +17,11 @@ from caesura_lab.evaluation.program_round_trip import (
     compare_programs,
     exerted_errors,
     run_round_trip,
+    stated_errors,
     summarise,
 )
 from caesura_protocol.messages import App, RestForce
+from caesura_protocol.programs.app_time_shifts import run_times
 from harness.once import once_a_version
 from harness.programs import press, pressed_harder_before
 
@@ -79,6 +81,17 @@ def test_the_exerted_force_is_compared_on_the_path_and_in_each_rest_beside_it() 
     contact = np.tile((0.0, 0.0, 12.0), (round(1000 * ended), 1))
     errors = [*exerted_errors((touch, stroke), [(0.0, 1.0), (1.0, ended)], contact)]
     assert errors == pytest.approx([0.0, 0.2, 1.4])
+
+
+def test_the_stated_force_is_compared_with_that_of_the_hand_while_it_pressed() -> None:
+    """A program states 18 N, 10 N and 5 N; the hand pressed with 12 N, after an impact of 40 N."""
+    touch, stroke = pressed_harder_before()
+    stroke = stroke.model_copy(update={"force_taught": stroke.force})
+    t0, tn = run_times(stroke)
+    contact = np.tile((0.0, 0.0, 12.0), (round(1000 * tn), 1))
+    contact[round(1000 * t0) :][:20] *= 40.0 / 12.0
+    contact[round(1000 * stroke.path.tn) - 100 : round(1000 * stroke.path.tn)] *= 0.5  # the hand lets go
+    assert [*stated_errors((touch, stroke), contact)] == pytest.approx([0.5, -1.0 / 6.0, -7.0 / 12.0])
 
 
 def test_the_table_counts_what_holds_and_says_why_the_others_do_not() -> None:

@@ -7,11 +7,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import takewhile
 
 import numpy as np
 
+from caesura_protocol.messages import Vector
 from caesura_service.program.contacts import pushes_back, touched_at
 from caesura_service.program.joined_strokes import DECAY_REACH_M, is_directly_before
 from caesura_service.program.program_segment import (
@@ -46,16 +48,36 @@ def lets_go(
     normal = direction(contact[0].force)
     if np.subtract(segment.position_end, touched_at(contact[-1], context.moment_at)) @ normal <= 0.0:
         return True
-    presses = list(filter(pushes_back(contact[0], context.moment_at), observed(segment.t0, segment.tn)))
-    gone = context.moment_at(presses[-1]).position if presses else segment.position_start
-    return length(np.subtract(segment.position_end, gone)) < IN_AIR_M
+    gone = _last_pushed(step, contact[0], context) or segment.position_start
+    return math.dist(segment.position_end, gone) < IN_AIR_M
 
 
-def leaving(step: ProgramSegment) -> ProgramSegment:
-    """Return a slide that moves `ARRIVES_M` or more out of a pressed object as a movement in the air."""
-    segment = step.segment
-    leaves = segment.kind == "sliding" and step.gives_way and -step.pushed_in >= ARRIVES_M
-    return step.read_as("free") if leaves else step
+def leaving(last: ProgramSegment | None, step: ProgramSegment, context: Context) -> ProgramSegment:
+    """Return a slide that leaves the pressed object as a movement in the air. last: the last step kept.
+
+    It moves `ARRIVES_M` or more out of the object. Or it follows a contact whose force decays on its first
+    `DECAY_REACH_M`, and nothing pushes back on `ARRIVES_M` or more then.
+    """
+    if step.segment.kind != "sliding":
+        return step
+    leaves = step.gives_way and -step.pushed_in >= ARRIVES_M
+    departs = last is not None and last.touches and _is_departure(step, context)
+    return step.read_as("free") if leaves or departs else step
+
+
+def _is_departure(step: ProgramSegment, context: Context) -> bool:
+    gone = _last_pushed(step, step, context)
+    if gone is None:
+        return False
+    start, end = step.segment.position_start, step.segment.position_end
+    return math.dist(start, gone) < DECAY_REACH_M and math.dist(gone, end) >= ARRIVES_M
+
+
+def _last_pushed(step: ProgramSegment, contact: ProgramSegment, context: Context) -> Vector | None:
+    """Return the position (3,) [m] at which a contact last pushes back in a step; None if it never does."""
+    times = observed(step.segment.t0, step.segment.tn)
+    presses = list(filter(pushes_back(contact, context.moment_at), times))
+    return context.moment_at(presses[-1]).position if presses else None
 
 
 def with_departures(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:

@@ -123,7 +123,7 @@ def _read(
     """
     step = hanging(step, context)
     step = as_touching(last, step, context)
-    step = leaving(step)
+    step = leaving(last, step, context)
     step = resting(step, context)
     contact = _contact_before(place, last, context)
     if last is not None and not step.touches:

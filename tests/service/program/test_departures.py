@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from caesura_service.program import Moment
-from service.program.segments import DRIFT_N, drifted, held, kinds, program, segment, stopping_at
+from service.program.segments import ACROSS, DRIFT_N, drifted, held, kinds, program, segment, stopping_at
 
 
 @pytest.mark.parametrize(("pressed_until", "becomes"), [(3.8, []), (3.1, ["cartesian_motion"])])
@@ -29,6 +29,29 @@ def test_a_way_in_the_air_after_a_contact_is_a_movement(pressed_until: float, be
         at=lifted,
     )
     assert kinds(made) == ["move_to_contact", "apply_force", *becomes]
+
+
+@pytest.mark.parametrize(
+    ("pressed_until", "becomes"), [(3.15, "cartesian_motion"), (3.45, "apply_force"), (9.0, "apply_force")]
+)
+def test_a_slide_on_which_the_force_of_the_stroke_before_it_decays_is_in_the_air(
+    pressed_until: float, becomes: str
+) -> None:
+    """A robot left a stroke at once, up and aside. A slide of 108 mm became another stroke."""
+    way = {"position_start": (0.1, 0.0, 0.2), "position_end": (0.18, 0.0, 0.26)}
+
+    def at(t: float) -> Moment:
+        share = min(max((t - 3.1) / 0.5, 0.0), 1.0)
+        pressed = drifted(t, pushed_n=10.0 if 2.0 < t < pressed_until else 0.0)
+        return replace(pressed, position=(0.1 + 0.08 * share, 0.0, 0.2 + 0.06 * share))
+
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("sliding", 2.0, 3.0, **held(10.0), **ACROSS),
+        segment("sliding", 3.0, 3.6, **held(9.0), **way),
+        at=at,
+    )
+    assert kinds(made)[-1] == becomes
 
 
 def test_what_springs_back_after_a_press_takes_the_hand_along() -> None:

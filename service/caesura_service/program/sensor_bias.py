@@ -36,7 +36,7 @@ BASE_S = 1.0  # before a contact, over which the force is what the sensor makes 
 MOST_WANDER_N = 3.0 * TARED_BIAS_N  # of what a sensor makes up, from before a contact to after it
 AROUND_S = 2.0  # before and after a contact
 TOUCHING_S, LETTING_GO_S = 0.1, 0.3  # of that, what may lie in the contact: a boundary is only so exact
-AT_TOUCH_M = 0.003  # so near to the end of a way something may be touched
+AT_TOUCH_M, AT_TOUCH_S = 0.003, 0.3  # so near to the end of a way, and so late, something may be touched
 WANDER_M, WANDER_S = 0.15, 10.0  # over which it wanders by about `WANDER_N`
 WANDER_N, OFFSET_N = 1.0, 3.0  # standard deviations of its wander, and of its size beside the force before
 SPRUNG_SHARE = 0.2  # of the change of a spring's force on a way
@@ -73,7 +73,8 @@ def _bias(
     if _sprung(before, context):
         return lambda t: base
     if after is None or before.contact != after.contact or context.fingers_move(before.tn, after.t0):
-        touched = bias_between(before, None, base, base, context.moment_at)(before.tn)
+        last = observed(before.t0, before.tn)[-1]
+        touched = bias_between(before, None, base, base, context.moment_at)(last)
         return lambda t: touched
     left = _force_at_start(after, context)
     if length(np.subtract(left, base)) >= MOST_WANDER_N or _sprung(after, context):
@@ -120,8 +121,11 @@ def bias_between(
     """
     origin = moment_at(observed(before.t0, before.tn)[-1])
     approach = observed(max(before.t0, before.tn - AROUND_S), before.tn - TOUCHING_S)
-    away = [t for t in approach if math.dist(moment_at(t).position, origin.position) >= AT_TOUCH_M]
-    times = [t for t in _in_air(away or approach, base, moment_at) if before.t0 < t < before.tn]
+    sure_s = before.tn - AT_TOUCH_S
+    away = [
+        t for t in approach if t < sure_s or math.dist(moment_at(t).position, origin.position) >= AT_TOUCH_M
+    ]
+    times = [t for t in _in_air(away, base, moment_at) if before.t0 < t < before.tn]
     if after is not None:
         leaving = observed(after.t0 + LETTING_GO_S, min(after.t0 + AROUND_S, after.tn))
         times += [t for t in _in_air(leaving, left, moment_at) if after.t0 < t < after.tn]

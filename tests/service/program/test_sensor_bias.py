@@ -130,8 +130,8 @@ def test_what_is_touched_at_the_very_end_of_a_way_is_no_bias() -> None:
     """The first 2.7 N of a press seemed to be a bias that rises, in which 20 % of the press were lost."""
 
     def touching(t: float) -> Moment:
-        pushed_n = 10.0 if 2.0 <= t < 5.0 else 2.7 if 1.5 <= t < 2.0 else 0.0
-        height_m = 0.2 - 0.2 * min(t, 1.5) / 1.5 + 0.2 * min(max(t - 5.0, 0.0), 1.0)
+        pushed_n = 10.0 if 2.0 <= t < 5.0 else 2.7 if 1.7 <= t < 2.0 else 0.0
+        height_m = 0.2 - 0.2 * min(t, 1.7) / 1.7 + 0.2 * min(max(t - 5.0, 0.0), 1.0)
         return replace(drifted(t, pushed_n=pushed_n), position=(0.0, 0.0, height_m))
 
     here, above = (0.0, 0.0, 0.0), (0.0, 0.0, 0.2)
@@ -142,6 +142,22 @@ def test_what_is_touched_at_the_very_end_of_a_way_is_no_bias() -> None:
         at=touching,
     )
     assert apps[1].force_taught == pytest.approx((0.0, 0.0, -10.0), abs=0.3)
+
+
+def test_the_bias_is_read_where_the_tool_stands_before_it_presses() -> None:
+    """A robot stood for 0.6 s where it pressed then: those readings were left out, as if they were pushed."""
+
+    def standing(t: float) -> Moment:
+        pushed_n = 12.5 if t >= 2.0 else 2.5 if t >= 1.2 else 0.0
+        return replace(drifted(t, pushed_n=pushed_n), position=(0.0, 0.0, 0.2 - 0.2 * min(t, 1.2) / 1.2))
+
+    here, above = (0.0, 0.0, 0.0), (0.0, 0.0, 0.2)
+    apps = program(
+        segment("motion", 0.0, 2.0, position_start=above, position_end=here),
+        segment("contact", 2.0, 5.0, **held(12.5), position_start=here, position_end=here),
+        at=standing,
+    )
+    assert apps[-1].force_taught == pytest.approx((0.0, 0.0, -10.0), abs=1.0)
 
 
 def test_the_bias_wanders_up_to_the_contact_in_which_the_fingers_grip() -> None:

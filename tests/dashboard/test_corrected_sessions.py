@@ -50,6 +50,7 @@ READ = r"""() => {
 # As the dashboard's server would send it: what a subscriber got before the answer to an edit, sent after it.
 LATE = """(payload) => runMethod(+document.querySelector(".plots").closest("[id^=c]").id.slice(1), "take",
   [0, payload])"""
+OUTDATED = "Not done. The session has been corrected since: look at what is there now."
 TICKS = "() => [...document.querySelector('.plots').plots.plots.values()].at(-1).plot.axes[0]._values"
 
 
@@ -91,7 +92,7 @@ def test_a_session_that_is_over_can_still_be_corrected(stage: Stage, visitor: Vi
 
 
 def test_a_list_that_shows_itself_folds_with_the_next_session(stage: Stage, visitor: Visitor):
-    """It stayed open and stated that nothing had been corrected."""
+    """It stayed open and stated that nothing had been corrected. The last answer stayed, too."""
     teach(stage, "cell-fold")
     visitor.is_called("Ann", stage.dashboard.url)
     page = visitor.page
@@ -102,10 +103,12 @@ def test_a_list_that_shows_itself_folds_with_the_next_session(stage: Stage, visi
     corrections = page.locator(".corrections")
     expect(corrections.locator("summary")).to_have_text("Corrections: 1")
     expect(corrections.locator("li")).to_be_visible()
+    expect(page.locator(".message")).to_contain_text("Changepoint inserted")
     stage.teach("cell-fold", guided(1), session="second", pace="fast")
     stage.wait("cell-fold")
     expect(corrections.locator("summary")).to_have_text("Corrections: 0")
     expect(corrections.locator("p")).to_be_hidden()
+    expect(page.locator(".message"), "it is of the session before").to_have_text("")
 
 
 def times_of_day(page: Page) -> list[str]:
@@ -195,6 +198,10 @@ def test_all_corrections_are_listed_and_any_of_them_is_undone(stage: Stage, visi
         rows.last.get_by_role("button", name="Undo").click()
         refusal = "correction 3 by Ann moved that changepoint on: take correction 3 back first"
         expect(listed.locator(".message")).to_contain_text(refusal)
+        caesura.undo("cell-list", "over", number=3, author="Ann")
+        expect(listed.locator(".message"), "its reason is gone").to_have_text(OUTDATED)
+        caesura.redo("cell-list", "over", author="Ann")
+        expect(rows.first, "the page follows").not_to_contain_text("undone")
         called = re.compile(r"^Undo correction 2: Bo inserted a changepoint at 0\.[34]5 s$")
         undo = rows.nth(1).get_by_role("button", name=called)
         undo.focus()

@@ -93,6 +93,15 @@ def test_who_comes_second_is_refused_with_the_reason():
     assert "you saw 3" in words
 
 
+def test_a_refusal_of_who_comes_second_applies_to_the_revision_that_is_there():
+    def ask(station, edit):
+        raise ProtocolError("conflict", "corrected meanwhile", value=edit.revision, limit=5)
+
+    with pytest.raises(EditRefused) as refused:
+        correct(ask, "cell-1", {**ASKED, "do": "remove", "t": 9.2})
+    assert refused.value.revision == 5
+
+
 @pytest.mark.parametrize(
     ("error", "words"),
     [
@@ -110,7 +119,7 @@ def test_a_refusal_is_passed_on_in_words(error, words):
 
     with pytest.raises(EditRefused) as refused:
         correct(ask, "cell-1", {**ASKED, "do": "remove", "t": 9.2})
-    assert str(refused.value) == words
+    assert (str(refused.value), refused.value.revision) == (words, 3)
     found = preview(ask, "cell-1", {"session": "s1", "revision": 3, "do": "remove", "t": 9.2})
     assert found == {"words": [words], "rows": [], "span": [0.0, 0.0], "failed": True}
 

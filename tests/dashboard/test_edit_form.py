@@ -17,7 +17,7 @@ from caesura_clients import Caesura
 from caesura_clients.cli.commands import register
 from caesura_clients.program_editing import reference
 from caesura_protocol.app_kinds import APP_KINDS
-from caesura_protocol.messages import App, DuplicateApp, Program
+from caesura_protocol.messages import App, DuplicateApp, NameProgram, Program
 from dashboard.browser import DESK, PATIENCE_MS, Visitor, looks_right, needs_chromium
 from dashboard.stage import Stage
 from harness.demonstrations import guided
@@ -129,6 +129,9 @@ def test_what_an_app_cannot_have_is_refused_in_the_words_of_the_command_line(des
     desk.is_said(f"Not done: {words}.")
     assert desk.program.edits == ()
     assert words in typed(desk, stage, "change", str(desk.number("apply_force") + 1), "force=0.0001")
+    with stage.reader() as caesura:
+        caesura.edit_program(desk.station, "over", NameProgram(name="Press"), author="Bob")
+    desk.is_said("Not done. The program has been edited since: look at what is there now.")
 
 
 def typed(desk: Desk, stage: Stage, *words: str) -> str:

@@ -56,6 +56,18 @@ ROOM_PX = """(field) => {
   const used = parseFloat(paddingLeft) + parseFloat(paddingRight) + context.measureText(field.value).width;
   return field.clientWidth - used;
 }"""
+# Of a line that ends with an ellipsis: how much of its date is behind its end.
+DATE_CUT_PX = r"""(line) => {
+  const texts = document.createTreeWalker(line, NodeFilter.SHOW_TEXT), range = document.createRange();
+  for (let text = texts.nextNode(); text; text = texts.nextNode()) {
+    const [date] = text.data.match(/\w+ \d+, \d{4}, [\d:]+.[AP]M/) ?? [];
+    if (!date) continue;
+    range.setStart(text, text.data.indexOf(date));
+    range.setEnd(text, text.data.indexOf(date) + date.length);
+    return range.getBoundingClientRect().right - line.getBoundingClientRect().right;
+  }
+  return Infinity;
+}"""
 # Of a panel, by column: the samples in a range of time, and what its title says is taken off them.
 DRAWN = """([name, from, to]) => {
   const { state, plots } = document.querySelector(".plots").plots;
@@ -133,6 +145,10 @@ def describe(stage: Stage, visitor: Visitor, session: str) -> None:
     tagged = NAMED.model_copy(update={"tags": ("left", "slow")})
     form = visitor.page.locator(".description")
     assert form.locator(".name-task").evaluate(ROOM_PX) >= 0, "the task is cut"
+    for size in (DESK, TABLET, UPRIGHT, PHONE):
+        visitor.page.set_viewport_size(size)
+        assert form.locator("summary").evaluate(DATE_CUT_PX) <= 0, f"the date is cut at {size}"
+    visitor.page.set_viewport_size(DESK)
     form.locator(".name-note").fill("calm hand")
     form.locator(".yes").click()
     expect(form.locator(".saved")).to_contain_text("Saved.")

@@ -12,7 +12,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from caesura_clients.correction_words import effect_words, landed, moved_words, relabel_doubt
 from caesura_clients.refusal_words import Refused, refusal_words
-from caesura_clients.session_corrections import send
+from caesura_clients.session_corrections import is_stale, send
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import Ack, Action, Edit, LimitForce, Preview, Since
 from caesura_protocol.session_time_display import NO_OFFSET, SessionClock
@@ -28,7 +28,14 @@ _ASKED: TypeAdapter[Action | Since] = TypeAdapter(Annotated[Action | Since, Fiel
 
 
 class EditRefused(Exception):  # noqa: N818 - the service refused; nothing failed here
-    """A correction was not made; the text states why, for an operator."""
+    """A correction was not made; the text states why, for an operator.
+
+    revision: of the session, to which the reason applies; None where it applies to any.
+    """
+
+    def __init__(self, words: str, revision: int | None = None) -> None:
+        super().__init__(words)
+        self.revision = revision
 
 
 def corrector(transport: Transport) -> Corrector:
@@ -45,9 +52,10 @@ def correct(ask: Corrector, station: str, request: Request, clock: SessionClock 
     try:
         ack = ask(station, edit.model_copy(update={"with_effect": True}))
     except ProtocolError as error:
-        raise EditRefused(said(error, edit.action, clock)) from error
+        revision = error.limit if is_stale(error) else edit.revision
+        raise EditRefused(said(error, edit.action, clock), revision) from error
     except CaesuraError as error:
-        raise EditRefused(clock.text(f"Not done: {error}")) from error
+        raise EditRefused(clock.text(f"Not done: {error}"), edit.revision) from error
     return done(edit, ack, clock)
 
 

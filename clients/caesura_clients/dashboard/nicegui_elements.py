@@ -214,9 +214,15 @@ class ProgramTimeline(LiveElement, component="web/program.js"):
         """Show the outcome of a simulation (`Simulator.run`)."""
         self.run_method("simulated", found)
 
-    def answered(self, message: str, *, failed: bool, found: dict[str, Any] | None = None) -> None:
-        """Show the outcome of an edit. found: values that another operator has set meanwhile."""
-        self.run_method("answered", message, failed, found)
+    def answered(
+        self, message: str, *, failed: bool, found: dict[str, Any] | None = None, revision: int | None = None
+    ) -> None:
+        """Show the outcome of an edit.
+
+        found: values that another operator has set meanwhile. revision: of the program's edits, to which a
+        refusal applies.
+        """
+        self.run_method("answered", message, failed, found, revision)
 
 
 class SessionView(LiveElement, component="web/session_view.js"):
@@ -271,9 +277,9 @@ class SessionView(LiveElement, component="web/session_view.js"):
             changed["corrections"] = correction_rows(update.program.corrections, clock)
         return changed
 
-    def answered(self, message: str, *, failed: bool) -> None:
-        """Show the outcome of a correction."""
-        self.run_method("answered", message, failed)
+    def answered(self, message: str, *, failed: bool, revision: int | None = None) -> None:
+        """Show the outcome of a correction. revision: of the session, to which a refusal applies."""
+        self.run_method("answered", message, failed, revision)
 
     def previewed(self, found: dict[str, Any]) -> None:
         """Show the effect that a correction would have (`correction_requests.preview`)."""

@@ -75,9 +75,10 @@ class ProgramDesk:
             else:
                 ack = send(self._transport, station, command)
         except ProtocolError as error:
-            raise EditRefused(said(error, command.action, clock)) from error
+            revision = error.limit if is_stale(error) else command.revision
+            raise EditRefused(said(error, command.action, clock), revision) from error
         except CaesuraError as error:
-            raise EditRefused(clock.text(f"Not done: {error}")) from error
+            raise EditRefused(clock.text(f"Not done: {error}"), command.revision) from error
         words = outcome_words(command.action, ack, clock)
         return f"{words[0].upper()}{words[1:]}.{shared_name(command.action, program, others)}"
 

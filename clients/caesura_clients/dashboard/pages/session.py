@@ -255,7 +255,7 @@ class SessionPage:
         try:
             said = await run.io_bound(correct, self._corrector, self._station, event.args, self._clock)
         except EditRefused as refused:
-            self._view.answered(str(refused), failed=True)
+            self._view.answered(str(refused), failed=True, revision=refused.revision)
         else:
             self._view.answered(said or "", failed=False)
 
@@ -278,7 +278,7 @@ class SessionPage:
         except EditConflict as conflict:
             self._program.answered(str(conflict), failed=True, found=conflict.found)
         except EditRefused as refused:
-            self._program.answered(str(refused), failed=True)
+            self._program.answered(str(refused), failed=True, revision=refused.revision)
         else:
             self._program.answered(said or "", failed=False)
 

@@ -62,8 +62,9 @@ export default {
       const { task, operator, note, tags, success } = this.known;
       const result = success === null ? "" : success ? "succeeded" : "failed";
       const when = this.opened ? dayAndTime(this.opened) : "";
-      const gone = this.known.deleted ? "deleted" : "";
-      return [task || "unnamed", operator, result, tags.join(", "), note, when, gone].filter(Boolean).join(" · ");
+      const gone = this.known.deleted ? "deleted" : "", named = [task || "unnamed", operator, result, tags.join(", "), note];
+      // Of a long line the end is cut: in an open form the fields state what is named.
+      return (this.open ? [when, gone, ...named] : [...named, when, gone]).filter(Boolean).join(" · ");
     },
   },
   methods: {

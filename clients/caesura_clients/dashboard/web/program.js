@@ -13,6 +13,7 @@ import { unsaved } from "caesura-dashboard/unsaved.js";
 
 const requests = unanswered("program-edit");
 const UNANSWERED = "An edit was asked for before this page was loaded again, and no answer came: make it again if it is not listed below.";
+const OUTDATED = "Not done. The program has been edited since: look at what is there now.";
 const AUTHOR = "caesura-author";
 const NEAR = 60; // pixels
 const LISTED = 100; // apps at a time, as `program_timeline.py` has it
@@ -27,7 +28,7 @@ export default {
   provide() {
     return { appsShown: () => this.program.apps, keyOf: this.key, typed: new Map(), lost: this.lost, cameBack: this.cameBack };
   },
-  data: () => ({ program: null, message: "", failed: false, busy: false, name: "", nameSeen: "", nameConflict: null, afterwards: null, sought: null, soughtIn: 0, holds: false, gripper: localStorage.getItem(gripperKey()) || "", asked: null, draft: "", sent: {}, made: {}, inserts: false }),
+  data: () => ({ program: null, message: "", failed: false, refusedAt: null, busy: false, name: "", nameSeen: "", nameConflict: null, afterwards: null, sought: null, soughtIn: 0, holds: false, gripper: localStorage.getItem(gripperKey()) || "", asked: null, draft: "", sent: {}, made: {}, inserts: false }),
   template: `
     <div class="program">
     <section class="program-column" aria-labelledby="program-title">
@@ -105,7 +106,8 @@ export default {
       }
       const isOther = now.session !== held.session, typed = this.name.trim();
       if (isOther || typed === this.nameSeen || typed === now.name) this.fillName(now.name); // else what was typed stays
-      if (isOther) Object.assign(this, { message: "", sought: null });
+      if (isOther) Object.assign(this, { message: "", refusedAt: null, sought: null });
+      else if (this.refusedAt !== null && now.editRevision > this.refusedAt) Object.assign(this, { message: OUTDATED, failed: false, refusedAt: null });
       if (isOther && this.editable) this.recall(now.session);
       const grows = isOther ? !now.complete : !held.complete; // also at its end, when findings come below the list
       const follows = grows && !now.after && !held.after && this.isAtEnd();
@@ -121,10 +123,10 @@ export default {
     },
     lost({ number, name, title }) { // a form with something typed into it went with its app
       const app = `App ${number} (${name || title})`;
-      Object.assign(this, { message: `${app} is no longer shown. What was typed into its form is not saved, and comes back with it.`, failed: true });
+      Object.assign(this, { message: `${app} is no longer shown. What was typed into its form is not saved, and comes back with it.`, failed: true, refusedAt: null });
     },
     cameBack({ number, name, title }) {
-      Object.assign(this, { message: `App ${number} (${name || title}) is shown again. What was typed into its form is not saved yet.`, failed: false });
+      Object.assign(this, { message: `App ${number} (${name || title}) is shown again. What was typed into its form is not saved yet.`, failed: false, refusedAt: null });
     },
     isAtEnd() { // the newest app is in sight: what is taught next comes into sight too
       const list = this.$refs.apps;
@@ -186,7 +188,7 @@ export default {
       const author = (localStorage.getItem(AUTHOR) || "").trim();
       if (!author) return this.askName([action, seen, answered]);
       changes();
-      Object.assign(this, { busy: true, message: "", failed: false, afterwards: answered });
+      Object.assign(this, { busy: true, message: "", failed: false, refusedAt: null, afterwards: answered });
       const { session, editRevision } = this.program, { made } = this; // an edit of this page may be there before its program
       const revision = made.session === session ? Math.max(editRevision, made.revision) : editRevision;
       this.sent = { session, revision: revision + 1 };
@@ -213,9 +215,9 @@ export default {
       this.asked = null;
       this.say(...action);
     },
-    answered(message, failed, found = null) { // found: what another operator has set meanwhile; the form states it
+    answered(message, failed, found = null, refusedAt = null) { // found: what another operator has set meanwhile; the form states it
       requests.forget();
-      Object.assign(this, { message: found ? "" : message, failed, busy: false, made: failed ? {} : this.sent });
+      Object.assign(this, { message: found ? "" : message, failed, refusedAt, busy: false, made: failed ? {} : this.sent });
       this.afterwards?.(message, failed, found);
       this.afterwards = null;
       if (this.inserted && !failed) this.awaitApp(this.inserted, this.sent.revision);

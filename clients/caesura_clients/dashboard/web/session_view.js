@@ -26,6 +26,7 @@ import { YScales } from "caesura-dashboard/y_scales.js";
 
 const requests = unanswered("correction");
 const UNANSWERED = "A correction was asked for before this page was loaded again, and no answer came: make it again if it is not listed below.";
+const OUTDATED = "Not done. The session has been corrected since: look at what is there now.";
 const HELD_COLUMNS = 3000; // of run lengths: five minutes
 const AUTHOR = "caesura-author", SHOWN = "caesura-signals";
 const ROUNDED = 5e-4; // [s] by which the times of rows are off
@@ -64,7 +65,7 @@ export default {
     return {
       ...empty(),
       span: 30, end: null, cursor: null, selected: null, ghost: null, marked: null, columns: null, playing: false, listed: false,
-      author: localStorage.getItem(AUTHOR) || "", draft: "", asked: null, busy: false, message: "", failed: false,
+      author: localStorage.getItem(AUTHOR) || "", draft: "", asked: null, busy: false, message: "", failed: false, refusedAt: null,
       menu: null, canTake: false, pointedInBand: null, relabelled: null, inList: false,
       kinds: KINDS, opens: POINTING.opens, chosen: chosen(), trouble: "",
     };
@@ -166,11 +167,12 @@ export default {
   methods: {
     percent,
     apply(payload) {
-      if (payload.reset) this.restart();
+      if (payload.reset) this.restart(payload.session);
       for (const name of ["start", "t", "closed", "session", "revision", "undoable", "redoable", "corrections", "columns", "tare", "frame"]) {
         if (name in payload) this[name] = payload[name];
       }
       this.revision = Math.max(this.revision, this.made); // what was sent before an edit of this page may come after its answer
+      if (this.refusedAt !== null && this.revision > this.refusedAt) Object.assign(this, { message: OUTDATED, failed: false, refusedAt: null });
       for (const name of ["segments", "phases", "changepoints"]) {
         if (payload[name]) this[name] = Object.freeze([...this[name].slice(0, payload[name].first), ...payload[name].rows]);
       }
@@ -190,12 +192,13 @@ export default {
       const isHere = ({ station, session }) => station === this.station && session === this.session;
       if (requests.recall(isHere)) Object.assign(this, { message: UNANSWERED, failed: true });
     },
-    restart() { // with another session, or after the connection was lost
+    restart(session) { // with another session, or after the connection was lost
+      if (this.busy || session !== this.session) Object.assign(this, { message: "", failed: false, refusedAt: null });
       this.forgetEffect();
       this.forgetActs();
       const { available } = this; // the panels of the session before stand until the samples of this one are there
       Object.assign(this, empty(), { available, menu: null, asked: null, relabelled: null, selected: null, cursor: null, ghost: null, end: null, span: 30,
-        busy: false, message: this.busy ? "" : this.message, columns: this.columns && [], origin: null, fitted: false });
+        busy: false, columns: this.columns && [], origin: null, fitted: false });
     },
     fit() { // a session that is over when it is first shown is shown as a whole
       if (this.fitted || this.session === "" || !(this.t > 0)) return;
@@ -212,8 +215,9 @@ export default {
     forgetWhatIsGone() {
       if (this.selected !== null && !this.changepoints.some(([t]) => t === this.selected)) this.selected = null;
     },
-    answered(message, failed) {
+    answered(message, failed, revision = null) { // revision: of the session, to which a refusal applies
       requests.forget();
+      this.refusedAt = revision;
       Object.assign(this, { message: failed ? message : this.wordsOf(message), failed, busy: false });
       if (failed) this.made = 0;
       else if (this.act) this.acted();
@@ -342,7 +346,7 @@ export default {
       this.preview(null);
       changes();
       this.act = { number: action.do === "take_back" ? action.number : null, ...how, seen: this.revision };
-      Object.assign(this, { busy: true, message: "Correcting …", failed: false, relabelled: action.do === "relabel" ? action.t : null,
+      Object.assign(this, { busy: true, message: "Correcting …", failed: false, refusedAt: null, relabelled: action.do === "relabel" ? action.t : null,
         inList: action.do === "take_back" && !how.redoes });
       requests.keep({ station: this.station, session: this.session });
       this.$emit("edit", { ...action, session: this.session, revision: this.revision, author: this.author.trim() });

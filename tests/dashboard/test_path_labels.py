@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.server
 import json
+import math
 import re
 import threading
 from collections.abc import Iterator
@@ -145,6 +146,17 @@ def test_labels_of_a_path_are_whole_and_apart_on_a_phone(page: Page, view: str, 
         assert 0.0 <= one.x <= one.x + one.width <= width, one
         assert HIGH_PX / 2 <= one.y <= height - HIGH_PX / 2, one
     assert [(one, other) for one, other in combinations(texts, 2) if one.meets(other)] == []
+
+
+def test_the_number_of_an_app_stands_at_its_target(page: Page):
+    """It stood where the app begins: 3 at the target of app 2."""
+    press = row(1, (0.0, 0.0, 0.0), (0.0, 300.0, 0.0), force=[0.0, 0.0, -12.0])
+    page.get_by_role("button", name="3D", exact=True).click()
+    show(page, [press])
+    (number,) = [one for one in drawn(page) if one.words == "1"]
+    (force,) = [one for one in drawn(page) if one.words == "12.0 N"]
+    apart_px = math.hypot(number.x - force.x, number.y - force.y)
+    assert apart_px < PHONE["width"] / 3, "the arrow begins at the target; the path is twice as long"
 
 
 def test_an_app_is_drawn_as_soon_as_the_words_name_it(page: Page):

@@ -231,10 +231,10 @@ export default {
         else labels.push([x, y, [what]]);
       };
       for (const row of this.rows) {
-        const place = row.points[0].slice(1);
-        dot(place, 3.5, KINDS[row.kind].colour);
-        label(numbers, of(place), row.number);
-        const tip = row.force && this.arrow(context, of(row.points.at(-1).slice(1)), row.force, ink);
+        const target = row.points.at(-1).slice(1);
+        dot(target, 3.5, KINDS[row.kind].colour);
+        label(numbers, of(target), row.number);
+        const tip = row.force && this.arrow(context, of(target), row.force, ink);
         if (tip) label(forces, tip, Math.hypot(...row.force));
       }
       dot(this.place(), 6, ink);

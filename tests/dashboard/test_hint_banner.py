@@ -126,4 +126,8 @@ def test_a_hint_is_read_from_two_metres_and_goes_when_it_is_cleared(opened: Visi
         over = hand.model_copy(update={"until": 4.0})
         service.snapshots = [service.snapshots[0].model_copy(update={"hints": message(2, over)})]
         service.put(message(2, over), "hints")
+        expect(page.locator(".hint.over .hint-advice").first, "it can be read to its end").to_have_text(
+            "Over: Hold the robot behind the sensor."
+        )
+        assert visitor.barriers("color-contrast", within=".hints") == []
         expect(banner).to_have_count(0)

@@ -1,19 +1,27 @@
-// Hints to the teacher, readable from two metres: what to do now is large, what was found stands below it.
+// Hints to the teacher, readable from two metres: what to do now is large, what was found stands below it. A cause may be
+// over within a second: its hint then stays, marked, for as long as it takes to read it.
 import { live } from "caesura-dashboard/live.js";
+
+const READ_MS = 4000;
 
 export default {
   mixins: [live],
   data: () => ({ hints: [] }),
   template: `
     <div class="hints" role="status" aria-label="Hints to the teacher">
-      <div v-for="(hint, index) in hints" :key="hint.key" class="hint" :class="{ first: index === 0 }">
-        <p class="hint-advice">{{ hint.advice }}</p>
+      <div v-for="(hint, index) in hints" :key="hint.key" class="hint" :class="{ first: index === 0, over: hint.isOver }">
+        <p class="hint-advice">{{ hint.isOver ? "Over: " : "" }}{{ hint.advice }}</p>
         <p class="hint-text">{{ hint.text }} <a v-if="hint.href" :href="hint.href">{{ hint.link }}</a></p>
       </div>
     </div>`,
   methods: {
     apply(payload) {
-      this.hints = payload.hints;
+      const isActive = new Set(payload.hints.map(({ key }) => key)), before = this.hints.filter(({ key }) => !isActive.has(key));
+      this.hints = [...payload.hints, ...before.map((hint) => ({ ...hint, isOver: true }))];
+      for (const { key, isOver } of before) if (!isOver) setTimeout(() => this.drop(key), READ_MS);
+    },
+    drop(key) {
+      this.hints = this.hints.filter((hint) => hint.key !== key || !hint.isOver);
     },
   },
 };

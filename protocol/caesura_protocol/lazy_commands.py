@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import inspect
 from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import resolve_name
@@ -33,7 +34,8 @@ class LazyCommand(TyperCommand):
         """Import the command, with its options."""
         alone = typer.Typer(add_completion=False)
         settings = {"ignore_unknown_options": True} if self.takes_numbers else {}
-        alone.command(self.name, context_settings=settings)(resolve_name(self.place))
+        function = resolve_name(self.place)
+        alone.command(self.name, help=_unwrapped(function.__doc__), context_settings=settings)(function)
         return typer.main.get_command(alone)
 
     def make_context(self, *args: Any, **options: Any) -> Any:
@@ -65,6 +67,11 @@ def summary_of(place: str) -> str:
         ast.get_docstring(one) for one in functions if isinstance(one, ast.FunctionDef) and one.name == name
     )
     return " ".join((next(docstrings, None) or "").partition("\n\n")[0].split())
+
+
+def _unwrapped(docstring: str | None) -> str:
+    """The paragraphs of a docstring, a line each: a terminal wraps them at its own width."""
+    return "\n\n".join(" ".join(one.split()) for one in inspect.cleandoc(docstring or "").split("\n\n"))
 
 
 def _no_options() -> None:

@@ -28,6 +28,8 @@ def test_help_shows_every_text_with_its_units(typed: tuple[str, ...]) -> None:
     texts = [command.help or "", *(getattr(one, "help", None) or "" for one in command.params)]
     for text in texts:
         assert "".join(text.replace("\\[", "[").split()) in words
+    for paragraph in (command.help or "").split("\n\n"):
+        assert " ".join(paragraph.replace("\\[", "[").split()) in shown, "only the terminal wraps it"
 
 
 @pytest.mark.parametrize("typed", COMMANDS, ids=" ".join)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from io import StringIO
 
 import pytest
@@ -43,6 +44,20 @@ def test_a_correction_that_is_not_applied_is_listed_with_its_reason():
     shown = StringIO()
     Console(file=shown, width=200).print(corrections_table([gone], NO_OFFSET))
     assert "not applied: no app exerts a force at 3.00 s any more" in shown.getvalue()
+
+
+def test_corrections_are_listed_with_local_time_as_sessions_are(monkeypatch):
+    """It was UTC, beside sessions and a dashboard in local time."""
+    monkeypatch.setenv("TZ", "Etc/GMT-2")
+    time.tzset()
+    try:
+        shown = StringIO()
+        made = Correction(number=1, author="Ann", at=1764172800.0, action=Insert(t=3.0))
+        Console(file=shown, width=200).print(corrections_table([made], NO_OFFSET))
+        assert "2025-11-26 18:00 " in shown.getvalue()
+    finally:
+        monkeypatch.undo()
+        time.tzset()
 
 
 def test_actions_as_they_are_typed():

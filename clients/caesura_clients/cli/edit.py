@@ -42,7 +42,7 @@ from caesura_protocol.messages import (
     Since,
     Snapshot,
 )
-from caesura_protocol.session_time_display import NO_OFFSET, SessionClock, clock_of, moment
+from caesura_protocol.session_time_display import NO_OFFSET, SessionClock, clock_of, local_moment
 
 
 class _Form(NamedTuple):
@@ -213,9 +213,9 @@ def _matches(form: _Form, typed: str, values: Sequence[str]) -> bool:
 
 def corrections_table(corrections: Sequence[Correction], clock: SessionClock) -> Table:
     """Return a table of a session's corrections, one per row."""
-    table = Table("#", "correction", "at [UTC]", "state", title="corrections", **PLAIN)
+    table = Table("#", "correction", "at", "state", title="corrections", **PLAIN)
     for one in corrections:
         state = one.state.replace("_", " ") + (f": {one.reason}" if one.reason else "")
-        words = map(Text, (described(one, clock), moment(one.at), state))
+        words = map(Text, (described(one, clock), local_moment(one.at), state))
         table.add_row(str(one.number), *words)
     return table

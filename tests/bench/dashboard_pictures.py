@@ -34,6 +34,7 @@ def taught_now(stage: Stage, page: Page, to: Path) -> None:
         expect(page.locator(".desk-state")).to_contain_text("Teaching 6")
         expect(page.locator(".app").first).to_be_visible()
         page.wait_for_function(HAS_SAMPLES)
+        expect(page.locator(".hint"), "those of the minute that was sent at once are over").to_have_count(0)
         page.screenshot(path=to / "dashboard_station.png")
 
 

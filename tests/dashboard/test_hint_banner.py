@@ -138,3 +138,4 @@ def test_a_hint_is_read_from_two_metres_and_goes_when_it_is_cleared(opened: Visi
         stays = "() => window.over.includes('Over: Hold the robot behind the sensor.')"
         page.wait_for_function(stays, polling=LOOK_MS)  # it can be read to its end
         expect(banner).to_have_count(0)
+        assert len(set(page.evaluate("() => window.over"))) == 1, "the newest alone stays"

@@ -1,5 +1,5 @@
 // Hints to the teacher, readable from two metres: what to do now is large, what was found stands below it. A cause may be
-// over within a second: its hint then stays, marked, for as long as it takes to read it.
+// over within a second: the newest such hint stays, marked, for as long as it takes to read it.
 import { live } from "caesura-dashboard/live.js";
 
 const READ_MS = 4000;
@@ -17,8 +17,9 @@ export default {
   methods: {
     apply(payload) {
       const isActive = new Set(payload.hints.map(({ key }) => key)), before = this.hints.filter(({ key }) => !isActive.has(key));
-      this.hints = [...payload.hints, ...before.map((hint) => ({ ...hint, isOver: true }))];
-      for (const { key, isOver } of before) if (!isOver) setTimeout(() => this.drop(key), READ_MS);
+      const over = before.find(({ isOver }) => !isOver) ?? before[0]; // the newest alone: many would cover the plots
+      this.hints = over ? [...payload.hints, { ...over, isOver: true }] : payload.hints;
+      if (over && !over.isOver) setTimeout(() => this.drop(over.key), READ_MS);
     },
     drop(key) {
       this.hints = this.hints.filter((hint) => hint.key !== key || !hint.isOver);

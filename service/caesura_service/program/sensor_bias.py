@@ -4,7 +4,7 @@ Until the tool has left the contact, the bias is the force before it. It changes
 position, because a tool's weight is never compensated exactly. So it is linear in both, fitted by ridge
 regression to the last two seconds before a contact and the first two after it. The mass of the tool, whose
 inertia the sensor measures, is fitted with it. Observations that already push back before the contact, or
-before the next one, are left out.
+before the next one, are left out, and those that still push back after the contact before it.
 """
 
 from __future__ import annotations
@@ -121,11 +121,11 @@ def bias_between(
     """
     origin = moment_at(observed(before.t0, before.tn)[-1])
     approach = observed(max(before.t0, before.tn - AROUND_S), before.tn - TOUCHING_S)
-    sure_s = before.tn - AT_TOUCH_S
-    away = [
-        t for t in approach if t < sure_s or math.dist(moment_at(t).position, origin.position) >= AT_TOUCH_M
+    times = [
+        t
+        for t in _in_air(approach, base, moment_at)
+        if t < before.tn - AT_TOUCH_S or math.dist(moment_at(t).position, origin.position) >= AT_TOUCH_M
     ]
-    times = [t for t in _in_air(away, base, moment_at) if before.t0 < t < before.tn]
     if after is not None:
         leaving = observed(after.t0 + LETTING_GO_S, min(after.t0 + AROUND_S, after.tn))
         times += [t for t in _in_air(leaving, left, moment_at) if after.t0 < t < after.tn]
@@ -169,9 +169,9 @@ def _acceleration(t: float, moment_at: MomentAt) -> Array:
 
 
 def _in_air(times: Sequence[float], base: Vector, moment_at: MomentAt) -> Sequence[float]:
-    """Return those times [s] before a contact that precede its first push; all if every one is pushed."""
-    pushes = [_pushes(moment_at(t).force, base) for t in reversed(times)]
-    return times[: len(times) - pushes.index(False)] if False in pushes else times
+    """Return those times [s] from the first to the last one without a push; all if every one is pushed."""
+    free = [k for k, t in enumerate(times) if not _pushes(moment_at(t).force, base)]
+    return times[free[0] : free[-1] + 1] if free else times
 
 
 def _pushes(force: Vector | None, base: Vector) -> bool:

@@ -144,6 +144,23 @@ def test_what_is_touched_at_the_very_end_of_a_way_is_no_bias() -> None:
     assert apps[1].force_taught == pytest.approx((0.0, 0.0, -10.0), abs=0.3)
 
 
+def test_what_is_still_touched_at_the_start_of_a_way_is_no_bias() -> None:
+    """A peg that bounced at its hole seemed to be searched for with 5 N in place of 10 N."""
+
+    def bouncing(t: float) -> Moment:
+        pushed_n = 10.0 if t >= 2.45 else 5.5 if 1.0 <= t < 2.15 else 0.0
+        return drifted(t, pushed_n=pushed_n)
+
+    apps = program(
+        segment("motion", 0.0, 1.0),
+        segment("contact", 1.0, 2.0, **held(5.5)),
+        segment("motion", 2.0, 2.4),
+        segment("contact", 2.4, 5.0, **held(10.0)),
+        at=bouncing,
+    )
+    assert apps[-1].force_taught == pytest.approx((0.0, 0.0, -10.0), abs=0.5)
+
+
 def test_the_bias_is_read_where_the_tool_stands_before_it_presses() -> None:
     """A robot stood for 0.6 s where it pressed then: those readings were left out, as if they were pushed."""
 

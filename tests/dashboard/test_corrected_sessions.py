@@ -231,6 +231,7 @@ def test_all_corrections_are_listed_and_any_of_them_is_undone(stage: Stage, visi
         expect(rows.nth(1).get_by_role("button", name="Undo")).to_be_visible()
         page.locator(".plots").press("Control+z")
         expect(rows.first, "then the newest correction").to_contain_text("undone")
+        expect(page.locator(".message").first, "it is answered").not_to_have_text("Correcting …")
         assert states() == ["applied", "applied", "undone"]
         caesura.redo("cell-list", "over", author="Bo")
         expect(rows.first.get_by_role("button", name="Undo")).to_be_visible()

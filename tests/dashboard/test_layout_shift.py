@@ -380,9 +380,10 @@ def test_the_answer_to_an_edit_is_in_sight_on_a_phone(stage: Stage, opened: Visi
     assert opened.errors == []
 
 
+# Their places in the part of the page that shows the path, and their heights [px].
 PATH = """() => [".path-tools", ".program-path canvas"].map((name) => {
   const { y, height } = document.querySelector(name).getBoundingClientRect();
-  return [Math.round(y + scrollY), Math.round(height)];
+  return [Math.round(y - document.querySelector(".program-path").getBoundingClientRect().y), Math.round(height)];
 })"""
 
 

@@ -65,6 +65,18 @@ def leaving(last: ProgramSegment | None, step: ProgramSegment, context: Context)
     return step.read_as("free") if leaves or departs else step
 
 
+def hitting(step: ProgramSegment, ahead: ProgramSegment | None, context: Context) -> ProgramSegment:
+    """Return a slide that only hits a surface as a movement in the air. ahead: the next step, however short.
+
+    One observation pushes back, and the next step is in the air: nothing was pressed.
+    """
+    if step.segment.kind != "sliding" or ahead is None or ahead.touches:
+        return step
+    times = observed(step.segment.t0, step.segment.tn)
+    hits = sum(map(pushes_back(step, context.moment_at), times)) <= 1
+    return step.read_as("free") if hits else step
+
+
 def _is_departure(step: ProgramSegment, context: Context) -> bool:
     gone = _last_pushed(step, step, context)
     if gone is None:

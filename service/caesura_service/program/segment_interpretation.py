@@ -28,7 +28,7 @@ from caesura_service.program.carried_loads import (
     resting,
 )
 from caesura_service.program.contacts import as_touching, set_down, still_touching
-from caesura_service.program.departures import leaving, lets_go, with_departures
+from caesura_service.program.departures import hitting, leaving, lets_go, with_departures
 from caesura_service.program.joined_movements import with_whole_movements
 from caesura_service.program.joined_strokes import (
     are_one_kind,
@@ -123,7 +123,7 @@ def _read(
     """
     step = hanging(step, context)
     step = as_touching(last, step, context)
-    step = leaving(last, step, context)
+    step = hitting(leaving(last, step, context), place.ahead, context)
     step = resting(step, context)
     contact = _contact_before(place, last, context)
     if last is not None and not step.touches:

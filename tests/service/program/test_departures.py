@@ -54,6 +54,36 @@ def test_a_slide_on_which_the_force_of_the_stroke_before_it_decays_is_in_the_air
     assert kinds(made)[-1] == becomes
 
 
+@pytest.mark.parametrize(
+    ("hit_s", "then", "becomes"),
+    [
+        (0.1, "motion", ["move_to_contact", "apply_force"]),
+        (0.3, "motion", ["move_to_contact", "apply_force", "move_to_contact", "apply_force"]),
+        (0.1, "contact", ["move_to_contact", "apply_force"]),
+    ],
+    ids=["it bounces", "it presses", "it stays"],
+)
+def test_a_surface_that_is_only_hit_is_not_pressed(hit_s: float, then: str, becomes: list[str]) -> None:
+    """A hand hit a table, bounced, and came down again: the robot was to press with 42 N."""
+
+    def at(t: float) -> Moment:
+        hits, presses = 2.6 - hit_s < t < 2.6, t > 3.0 or (then == "contact" and t > 2.5)
+        return drifted(t, pushed_n=42.0 if hits else 12.0 if presses else 0.0)
+
+    down = {"position_start": (0.0, 0.0, 0.04), "position_end": (0.02, 0.0, 0.0)}
+    made = program(
+        segment("motion", 0.0, 2.2),
+        segment("sliding", 2.2, 2.6, **held(42.0), **down),
+        segment(then, 2.6, 3.0, **(held(12.0) if then == "contact" else {})),
+        segment("contact", 3.0, 4.5, **held(12.0)),
+        at=at,
+    )
+    assert kinds(made) == becomes
+    assert max(math.hypot(*one.force) for one in made if one.force) == pytest.approx(
+        42.0 if hit_s > 0.1 else 12.0, abs=1.5
+    )
+
+
 def test_what_springs_back_after_a_press_takes_the_hand_along() -> None:
     """A pump came up by 16 mm of 25, and the next movement led through it: the check refused that."""
     made = program(

@@ -382,8 +382,9 @@ def test_the_answer_to_an_edit_is_in_sight_on_a_phone(stage: Stage, opened: Visi
 
 # Their places in the part of the page that shows the path, and their heights [px].
 PATH = """() => [".path-tools", ".program-path canvas"].map((name) => {
+  const top = document.querySelector(".program-path").getBoundingClientRect().y;
   const { y, height } = document.querySelector(name).getBoundingClientRect();
-  return [Math.round(y - document.querySelector(".program-path").getBoundingClientRect().y), Math.round(height)];
+  return [Math.round(y - top), Math.round(height)];
 })"""
 
 

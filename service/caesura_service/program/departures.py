@@ -73,7 +73,7 @@ def hitting(step: ProgramSegment, ahead: ProgramSegment | None, context: Context
     if step.segment.kind != "sliding" or ahead is None or ahead.touches:
         return step
     times = observed(step.segment.t0, step.segment.tn)
-    hits = sum(map(pushes_back(step, context.moment_at), times)) <= 1
+    hits = sum(map(pushes_back(step, context.moment_at), times)) == 1
     return step.read_as("free") if hits else step
 
 

@@ -14,7 +14,7 @@ from caesura_clients.correction_words import effect_words, landed, moved_words, 
 from caesura_clients.refusal_words import Refused, refusal_words
 from caesura_clients.session_corrections import is_stale, send
 from caesura_protocol.errors import CaesuraError, ProtocolError
-from caesura_protocol.messages import Ack, Action, Edit, LimitForce, Preview, Since
+from caesura_protocol.messages import Ack, Action, Edit, EditProgram, LimitForce, Preview, Since
 from caesura_protocol.session_time_display import NO_OFFSET, SessionClock
 from caesura_protocol.transport.transport_interface import Transport
 from caesura_protocol.validation_words import first_finding
@@ -51,12 +51,19 @@ def correct(ask: Corrector, station: str, request: Request, clock: SessionClock 
     edit = parse(request)
     try:
         ack = ask(station, edit.model_copy(update={"with_effect": True}))
-    except ProtocolError as error:
-        revision = error.limit if is_stale(error) else edit.revision
-        raise EditRefused(said(error, edit.action, clock), revision) from error
-    except CaesuraError as error:
-        raise EditRefused(clock.text(f"Not done: {error}"), edit.revision) from error
+    except (ProtocolError, CaesuraError) as error:
+        raise refused(error, edit, clock) from error
     return done(edit, ack, clock)
+
+
+def refused(
+    error: ProtocolError | CaesuraError, command: Edit | EditProgram, clock: SessionClock
+) -> EditRefused:
+    """Return the refusal of a command for an operator, with the revision to which its reason applies."""
+    if isinstance(error, CaesuraError):
+        return EditRefused(clock.text(f"Not done: {error}"), command.revision)
+    revision = error.limit if is_stale(error) else command.revision
+    return EditRefused(said(error, command.action, clock), revision)
 
 
 def preview(

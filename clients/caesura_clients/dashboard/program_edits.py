@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from pydantic import ValidationError
 
 from caesura_clients.dashboard.conflicts import ATTEMPTS, edited_again
-from caesura_clients.dashboard.correction_requests import EditRefused, said
+from caesura_clients.dashboard.correction_requests import EditRefused, refused
 from caesura_clients.dashboard.program_form_values import shown_numbers, shown_texts
 from caesura_clients.program_editing import FIELD_WORDS, in_words, outcome_words, reference
 from caesura_clients.query import snapshot
@@ -74,11 +74,8 @@ class ProgramDesk:
                 ack = self._edit(station, command, seen, program)
             else:
                 ack = send(self._transport, station, command)
-        except ProtocolError as error:
-            revision = error.limit if is_stale(error) else command.revision
-            raise EditRefused(said(error, command.action, clock), revision) from error
-        except CaesuraError as error:
-            raise EditRefused(clock.text(f"Not done: {error}"), command.revision) from error
+        except (ProtocolError, CaesuraError) as error:
+            raise refused(error, command, clock) from error
         words = outcome_words(command.action, ack, clock)
         return f"{words[0].upper()}{words[1:]}.{shared_name(command.action, program, others)}"
 

@@ -16,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_protocol.programs.held_grasps import SAME_WIDTH_M
 from caesura_protocol.programs.program_gripper import SURE_SDS
 from caesura_protocol.rotations import angle_between
 from caesura_service.constants import GRAVITY
@@ -29,7 +30,6 @@ from caesura_service.program.program_segment import (
     observed,
 )
 
-SAME_WIDTH_M = 0.003  # by which two openings of one object may differ
 KEPT_SHARE = 0.5  # of its weight: what hangs on the robot is then nearer to all of it than to nothing
 
 

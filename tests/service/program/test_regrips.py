@@ -15,11 +15,6 @@ NOTHING = {"load_kg": 0.01, "load_sd_kg": 0.01}
 WEIGHT_N = 3.0
 
 
-def grip(t: float, kind: str, width: float | None) -> GripperAction:
-    assert kind in ("grasp", "release", "open", "close")
-    return GripperAction(t, kind, width)  # type: ignore[arg-type]
-
-
 def read(*grips: GripperAction, steps: tuple[Segment, ...] = (), at: MomentAt = moment_at) -> list[str]:
     parts = [ProgramSegment(index, one, one.probability) for index, one in enumerate(steps)]
     return [one.kind for one in with_regrips(parts, Context(grips, at))]
@@ -29,7 +24,11 @@ def standing(t: float) -> Moment:
     return replace(moment_at(t), position=(0.0, 0.0, 0.1))
 
 
-CLOSES_TWICE = grip(1.0, "grasp", 0.05), grip(3.0, "grasp", 0.03), grip(6.0, "release", 0.08)
+CLOSES_TWICE = (
+    GripperAction(1.0, "grasp", 0.05),
+    GripperAction(3.0, "grasp", 0.03),
+    GripperAction(6.0, "release", 0.08),
+)
 
 
 def test_fingers_that_close_twice_at_one_place_grasp_once() -> None:
@@ -66,10 +65,10 @@ def eased(to_m: float, *, hangs_n: float, load: dict[str, float]) -> list[str]:
         return replace(moment_at(t), force=(0.0, 0.0, -down))
 
     return read(
-        grip(1.0, "grasp", 0.03),
-        grip(3.0, "grasp", 0.022),
-        grip(4.0, "release", to_m),
-        grip(8.0, "open", 0.08),
+        GripperAction(1.0, "grasp", 0.03),
+        GripperAction(3.0, "grasp", 0.022),
+        GripperAction(4.0, "release", to_m),
+        GripperAction(8.0, "open", 0.08),
         steps=(
             segment("motion", 0.0, 1.0),
             segment("transport", 1.0, 4.0, **load),
@@ -95,9 +94,9 @@ def test_else_fingers_that_open_let_go(to_m: float, hangs_n: float, load: dict[s
 
 
 def test_a_grip_may_be_squeezed_and_eased_many_times() -> None:
-    grips = [grip(1.0, "grasp", 0.03)]
+    grips = [GripperAction(1.0, "grasp", 0.03)]
     for t in range(3, 8, 2):
-        grips += [grip(float(t), "grasp", 0.022), grip(t + 1.0, "release", 0.03)]
+        grips += [GripperAction(float(t), "grasp", 0.022), GripperAction(t + 1.0, "release", 0.03)]
     carry = segment("transport", 1.0, 3.0, **HELD)
     rest = segment("hold", 3.0, 9.0)
 
@@ -109,4 +108,7 @@ def test_a_grip_may_be_squeezed_and_eased_many_times() -> None:
 
 def test_a_closed_flag_has_no_width_that_could_be_eased() -> None:
     load = segment("transport", 1.0, 4.0, **HELD)
-    assert read(grip(1.0, "grasp", None), grip(4.0, "release", None), steps=(load,)) == ["grasp", "release"]
+    assert read(GripperAction(1.0, "grasp", None), GripperAction(4.0, "release", None), steps=(load,)) == [
+        "grasp",
+        "release",
+    ]

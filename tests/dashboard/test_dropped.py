@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -81,18 +82,13 @@ def drop(page: Page, path: Path) -> None:
     devtools.send("Input.dispatchDragEvent", {"type": "drop", **at, "data": data})
 
 
-def test_what_is_dropped_is_asked_about_and_becomes_a_session(stage: Stage, visitor: Visitor, tmp_path: Path):
-    visitor.page.goto(f"{stage.dashboard.url}/recordings")
-    for write in (npz, csv, mcap, bag, sqlite_bag):
-        becomes_a_session(stage, visitor, write(tmp_path))
-    visitor.page.get_by_role("link", name="cell-files/bag3", exact=True).click()
-    expect(visitor.page.locator(".app").first).to_contain_text("move to contact")
-    assert visitor.errors == []
-
-
-def becomes_a_session(stage: Stage, visitor: Visitor, recording: Path) -> None:
-    """Drop it, answer what is asked, and play it as a session with the name of the file."""
-    page, name = visitor.page, recording.name.replace(".", "-")
+@pytest.mark.parametrize("write", [npz, csv, mcap, bag, sqlite_bag])
+def test_what_is_dropped_is_asked_about_and_becomes_a_session(
+    stage: Stage, visitor: Visitor, tmp_path: Path, write: Callable[[Path], Path]
+):
+    page, recording = visitor.page, write(tmp_path)
+    name = recording.name.replace(".", "-")
+    page.goto(f"{stage.dashboard.url}/recordings")
     drop(page, recording)
     form = page.locator(".questions")
     expect(form.locator("h2")).to_have_text(recording.name)
@@ -121,7 +117,11 @@ def becomes_a_session(stage: Stage, visitor: Visitor, recording: Path) -> None:
         kinds = [one.kind for one in played.segments.segments]
         assert kinds[:3] == ["steady", "motion", "contact"]
         assert played.program.apps[0].kind == "move_to_contact"
-    expect(played_here.get_by_role("link")).to_have_attribute("href", f"/sessions/cell-files/{name}")
+    link = played_here.get_by_role("link")
+    expect(link).to_have_attribute("href", f"/sessions/cell-files/{name}")
+    link.click()
+    expect(page.locator(".app").first).to_contain_text("move to contact")
+    assert visitor.errors == []
 
 
 def test_an_orientation_as_three_angles_is_a_part_of_the_form(stage: Stage, visitor: Visitor, tmp_path: Path):

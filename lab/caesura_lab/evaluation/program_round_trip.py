@@ -42,8 +42,8 @@ from caesura_protocol.programs.document import document_of_apps
 from caesura_protocol.programs.document_timing import RunSpeed
 from caesura_protocol.programs.safety import CellSettings, Safety
 from caesura_protocol.recording import Recording
+from caesura_service.program.pressed_force import pressed_from
 from caesura_service.program.program_segment import PUSHES_BACK_N
-from caesura_service.program.stroke_forces import PRESS_SHARE
 
 Array = NDArray[np.float64]
 MotionDifference = Callable[[Difference], str | None]
@@ -166,11 +166,13 @@ def stated_errors(apps: Sequence[App], contact: Array) -> Iterator[float]:
     contact: (n, 3) [N] at every tick of the demonstration, on the simulated surfaces.
     """
     for app in apps:
-        rests = [None if rest is None else rest.newton_taught for rest in (app.rest_before, app.rest_after)]
-        stated = ((rests[0], 0.0), (_size(app.force_taught), PRESS_SHARE), (rests[1], 0.0))
-        for times, (stated_n, share) in zip(_pressed_times(app, run_times(app)), stated, strict=False):
+        before, after = (
+            None if rest is None else rest.newton_taught for rest in (app.rest_before, app.rest_after)
+        )
+        stated = ((before, False), (_size(app.force_taught), True), (after, False))
+        for times, (stated_n, on_path) in zip(_pressed_times(app, run_times(app)), stated, strict=False):
             hand_n = np.linalg.norm(contact[_ticks(*times)], axis=1)
-            least_n = max(share * float(np.quantile(hand_n, 0.9)), PUSHES_BACK_N) if hand_n.size else 0.0
+            least_n = max(pressed_from(hand_n) if on_path and hand_n.size else 0.0, PUSHES_BACK_N)
             pressed_n = hand_n[hand_n >= least_n]
             if stated_n is not None and pressed_n.size:
                 yield stated_n / float(np.median(pressed_n)) - 1.0

@@ -36,11 +36,10 @@ from caesura_service.program.program_segment import (
 )
 from caesura_service.program.stroke_forces import (
     NO_FORCES,
-    PRESS_SHARE,
     STROKE_REST_S,
     ToolForces,
     force_of_rests,
-    median_force,
+    pressed_force,
     pushing_force,
     rest_force_n,
     same_side,
@@ -302,7 +301,7 @@ def _level_n(rests: Sequence[ProgramSegment], felt: ToolForces) -> float | None:
     """Return the force [N] of rests once it has risen; None as `rest_force_n`, 0 without a push."""
     if force_of_rests(rests, felt) is None:
         return None
-    _, force = median_force(felt, PRESS_SHARE)
+    _, force = pressed_force(felt)
     return 0.0 if force is None else length(force)
 
 
@@ -321,7 +320,7 @@ def _pressed_as(part: ProgramSegment, stroke: ProgramSegment, moment_at: MomentA
     The force of a short rest is not compared.
     """
     here = pushing_force([part], moment_at)
-    _, there = median_force(tool_forces([stroke], moment_at), PRESS_SHARE)
+    _, there = pressed_force(tool_forces([stroke], moment_at))
     rest_n = rest_force_n([part], moment_at)
     rests = part.segment.motion == "steady"
     if rests and rest_n is not None:

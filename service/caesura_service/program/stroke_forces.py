@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from caesura_protocol.messages import Segment, Vector
 from caesura_protocol.rotations import matrix_of
 from caesura_service.program.held_forces import force_aslant
+from caesura_service.program.pressed_force import pressed_from
 from caesura_service.program.program_segment import (
     PUSHES_BACK_N,
     ROUNDED_S,
@@ -24,7 +25,6 @@ from caesura_service.program.program_segment import (
 
 SAME_SIDE = 0.5  # cosine between two forces; friction tilts that of a stroke, and a bias a weak one
 PRESS_LOOKS = 100  # observations of a press that are looked at
-PRESS_SHARE = 0.7  # of the largest force of a stroke, from which on it is pressed: as of a segment
 STROKE_REST_S = 0.5  # a rest at either end of a stroke that is shorter than this has no force of its own
 
 
@@ -34,7 +34,7 @@ def stroke_force(stroke: ProgramSegment, moment_at: MomentAt) -> Vector | None:
     Touching and letting go are left out, as in the force of a segment. The median is taken in the tool's
     axes, because a force turns with the tool along a surface.
     """
-    turn, force = median_force(tool_forces([stroke], moment_at), PRESS_SHARE)
+    turn, force = pressed_force(tool_forces([stroke], moment_at))
     return None if force is None else tuple((turn @ force).tolist())
 
 
@@ -58,7 +58,7 @@ def stroke_aslant(stroke: ProgramSegment, moment_at: MomentAt) -> Vector | None:
     Of several, as in the rests beside it, the one that differs most; None without one (`force_aslant`). As
     the force of the stroke, it is that at the orientation that the tool has halfway.
     """
-    turn, force = median_force(tool_forces([stroke], moment_at), PRESS_SHARE)
+    turn, force = pressed_force(tool_forces([stroke], moment_at))
     if force is None:
         return None
     parts = (stroke.rests_before, (stroke,), stroke.rests_after)
@@ -103,15 +103,18 @@ def pushing_force(steps: Sequence[ProgramSegment], moment_at: MomentAt) -> NDArr
     return median_force(tool_forces(steps, moment_at))[1]
 
 
+def pressed_force(felt: ToolForces) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """Return `median_force` of the forces that belong to the press, not to its touch or release."""
+    return median_force(felt, max(pressed_from(felt.n), PUSHES_BACK_N) if felt.n.size else PUSHES_BACK_N)
+
+
 def median_force(
-    felt: ToolForces, share: float = 0.0, *, least_n: float = PUSHES_BACK_N
+    felt: ToolForces, least_n: float = PUSHES_BACK_N
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
     """Return the tool's axes (3, 3) halfway, and the median force (3,) [N] in them; None without a force.
 
-    A force below `least_n` [N], or below a share of the force that a tenth of the time exceeds, is left out.
+    A force below `least_n` [N] is left out.
     """
-    if share > 0.0 and felt.n.size:
-        least_n = max(share * float(np.quantile(felt.n, 0.9)), least_n)
     pressed = np.flatnonzero(felt.n >= least_n)
     if not pressed.size:
         return np.eye(3), None
@@ -122,7 +125,7 @@ def force_of_rests(rests: Sequence[ProgramSegment], felt: ToolForces) -> float |
     """Return `rest_force_n` of rests, computed from their forces `felt`."""
     if not has_own_force(rests):
         return None
-    _, force = median_force(felt, least_n=0.0)
+    _, force = median_force(felt, 0.0)
     if force is not None and length(force) >= PUSHES_BACK_N:
         _, force = median_force(felt)
     return None if force is None else length(force)

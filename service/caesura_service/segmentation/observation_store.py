@@ -18,6 +18,7 @@ from caesura_service.changepoint.turn_resistance import torsion_of
 from caesura_service.coaching import ObservedPose
 from caesura_service.constants import HANDS_BREADTH_M, JOINTS_MOST, REST_M_PER_S, TARED_BIAS_N, UP
 from caesura_service.program import Moment
+from caesura_service.program.pressed_force import pressed_from
 from caesura_service.segmentation.overflow_file import AppendLog
 from caesura_service.segmentation.screw_motion_fit import Course
 from caesura_service.signals import Observation
@@ -38,7 +39,7 @@ SAME_S = 1e-3  # two times this close are the same
 TURN_LOOKS = 200  # at a turn, 20 s
 OPENINGS = 6000  # of the fingers, ten minutes: of a longer session some are left out
 POSES = 1200  # of a path, two minutes: of a longer one some are left out
-PRESS_SHARE, PRESS_LOOKS, PRESSES_AT_HAND = 0.7, 600, 8
+PRESS_LOOKS, PRESSES_AT_HAND = 600, 8
 EMPTY_GRIPPER_M = 0.003  # fingers that settle closer than this hold nothing
 
 
@@ -171,13 +172,12 @@ class ObservationStore:
     def press(self, start: int, end: int) -> tuple[float, float, float]:
         """Return the median of the strong forces (3,) [N] from start to end, which is not included.
 
-        A force is strong above PRESS_SHARE of the upper decile, which leaves out touch and release. At most
-        PRESS_LOOKS observations are read, evenly spread. The median is taken on each axis, one of which is
-        vertical.
+        Touch and release are left out (`pressed_from`). At most PRESS_LOOKS observations are read, evenly
+        spread. The median is taken on each axis, one of which is vertical.
         """
         forces = self._forces(range(start, end, -(-(end - start) // PRESS_LOOKS)))
         sizes = np.sqrt(np.square(forces) @ np.ones(3))
-        strong = forces[sizes >= PRESS_SHARE * _upper_decile(sizes)]
+        strong = forces[sizes >= pressed_from(sizes)]
         strong = np.sort(strong if self._upright is None else strong @ self._upright.T, axis=0)
         median = 0.5 * (strong[(len(strong) - 1) // 2] + strong[len(strong) // 2])
         x, y, z = (median if self._upright is None else median @ self._upright).tolist()
@@ -305,17 +305,6 @@ def _read_forces(log: AppendLog, looks: range) -> Array:
         return np.array([_read(log, index)[_FORCE] for index in looks])
     rows = np.frombuffer(log.read(looks.start * _ROW.size, looks.stop * _ROW.size))
     return rows.reshape(-1, _COLUMNS)[:, _FORCE].copy()
-
-
-def _upper_decile(values: Array) -> float:
-    """Return the value that a tenth of the values exceeds, as np.quantile does.
-
-    np.quantile takes twenty times as long for a few values.
-    """
-    ordered = np.sort(values)
-    below, share = divmod(0.9 * (len(ordered) - 1), 1.0)
-    low, high = ordered[int(below)], ordered[min(int(below) + 1, len(ordered) - 1)]
-    return float(low + share * (high - low))
 
 
 def turned_upright(seen: ModelInput, upright: Array | None) -> ModelInput:

@@ -301,3 +301,20 @@ def test_a_rest_in_which_the_fingers_move_is_no_end_of_a_stroke() -> None:
     )
     assert kinds(made)[-2:] == ["apply_force", "gripper_move"]
     assert made[-1].segments == (2,)
+
+
+def test_an_impact_at_the_touch_is_not_the_force_of_a_short_stroke():
+    """Of seven observations the first one has twice the force of the others."""
+    felt = dict(enumerate((13.5, 6.1, 6.1, 8.3, 7.2, 6.1, 4.5), start=20))
+
+    def at(t: float) -> Moment:
+        return drifted(t, pushed_n=felt.get(round(10 * t), 0.0))
+
+    apps = program(
+        segment("motion", 0.0, 2.0),
+        segment("sliding", 1.95, 2.65, **held(10.9), **ACROSS),
+        segment("motion", 2.65, 4.0, **OFF),
+        at=at,
+    )
+    assert kinds(apps)[:2] == ["move_to_contact", "apply_force"]
+    assert forces_of(apps[1]) == pytest.approx([6.65])

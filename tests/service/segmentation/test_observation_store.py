@@ -33,6 +33,12 @@ def test_a_spike_when_a_surface_is_hit_is_not_the_press() -> None:
     assert history_of(down).press(0, len(down))[2] == pytest.approx(12.0)
 
 
+@pytest.mark.parametrize("first", [13.5, 40.0])
+def test_nor_is_it_in_a_short_press(first: float) -> None:
+    down = np.array([first, 6.1, 6.0, 6.2, 7.2, 6.1, 3.0])
+    assert history_of(down).press(0, len(down))[2] == pytest.approx(6.15)
+
+
 def test_one_observation_is_its_own_press() -> None:
     assert history_of(np.array([1.0, 7.0])).press(1, 2) == (0.0, 0.0, 7.0)
 

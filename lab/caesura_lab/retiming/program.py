@@ -26,7 +26,7 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import solveh_banded
 from scipy.ndimage import maximum_filter1d
 
-from caesura_lab.execution.skills import CREEP_M_PER_S
+from caesura_lab.execution.skills import CREEP_M_PER_S, MOST_CREEP_M_PER_S
 from caesura_lab.execution.trajectories import (
     ASTRAY_M,
     BRAKE_M_PER_S2,
@@ -134,14 +134,16 @@ def _is_at_contact(app: ProgramStep, before: App | None, following: App | None) 
 def _crept_s(apps: tuple[ProgramStep, ...], index: int) -> float:
     """Return the time [s] in which the executor creeps to the begin of an app's path; 0 within `CREPT_M`.
 
-    Also 0 where it does not creep: without a path, after an app that does not travel, in too short a pause.
+    At most the taught pause. Also 0 where it does not creep: without a path, after an app that does not
+    travel, in too short a pause.
     """
     path, before = apps[index].path, apps[index - 1]
     if path is None or before.target is None or not APP_KINDS[before.kind].travels:
         return 0.0
     crept_m, pause_s = math.dist(path.start.position, before.target), apps[index].t0 - before.tn
     seconds = math.ceil(TICKS_PER_S * crept_m / CREEP_M_PER_S) / TICKS_PER_S + 1.0 / TICKS_PER_S
-    return seconds if crept_m > CREPT_M and seconds < pause_s else 0.0
+    creeps = CREPT_M < crept_m <= MOST_CREEP_M_PER_S * pause_s
+    return min(seconds, pause_s) if creeps else 0.0
 
 
 def _fastest(

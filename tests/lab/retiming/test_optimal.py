@@ -398,12 +398,16 @@ def test_pauses_are_removed_unless_marked(
     assert kept.timing.keeps_pause == (3,)
 
 
-@pytest.mark.parametrize(("crept_m", "pause_s"), [(0.004, 0.0), (0.006, 1.2)])
+@pytest.mark.parametrize(
+    ("crept_m", "taught_s", "pause_s"),
+    [(0.004, 2.0, 0.0), (0.006, 2.0, 1.2), (0.008, 1.0, 1.0), (0.008, 0.7, 0.0)],
+)
 def test_what_a_hand_crept_in_a_pause_is_crept_from_5_mm_on(
-    crept_m: float, pause_s: float, robot: Robot
+    crept_m: float, taught_s: float, pause_s: float, robot: Robot
 ) -> None:
+    """At 5 mm/s, or in the taught pause if the hand crept faster; above 10 mm/s it did not creep."""
     first = move(1.0, (0.4, 0.0, 0.4), (0.4, 0.1, 0.4))
-    second = move(4.0, (0.4, 0.1 + crept_m, 0.4), (0.5, 0.1, 0.4))
+    second = move(first.tn + taught_s, (0.4, 0.1 + crept_m, 0.4), (0.5, 0.1, 0.4))
     fast = optimal(as_file((first, second)), robot=robot)
     assert fast.timing is not None
     assert fast.timing.retimed == (0, 1)

@@ -167,7 +167,7 @@ def _contacts(group: AppGroup) -> Iterable[App]:
     """
     inserted, rest = _inserted(group)
     if inserted:
-        yield _press(replace(group, steps=inserted))
+        yield _press(replace(group, steps=inserted), inserted[0].t0)
         if not rest:
             return
         group = replace(group, steps=rest)
@@ -180,12 +180,16 @@ def _contacts(group: AppGroup) -> Iterable[App]:
         gripping = _grip_app(grip, begun, ended, group.moment_at, group.paths, confidence, indices)
         yield gripping.model_copy(update=_taught(hardest))
     first = group.steps[0]
+    begun = first.t0
     if group.is_approached(first) and not mine:
-        yield group.moving("move_to_contact", first, group.touched(first))
+        touch = group.touched(first)
         if group.only_touches:
+            yield group.moving("move_to_contact", first, touch)
             return
+        begun = touch.t
+        yield group.moving("move_to_contact", first, touch, {"tn": begun})
     if not mine and length(hardest.force) >= LEAST_CONTACT_N:
-        yield _press(group)
+        yield _press(group, begun)
 
 
 def _shares(grips: Sequence[GripperAction], t0: float, tn: float) -> Sequence[tuple[float, float]]:
@@ -213,15 +217,15 @@ def _meets(group: AppGroup) -> bool:
     )
 
 
-def _press(group: AppGroup) -> App:
-    """Return a press with the force of the hardest step.
+def _press(group: AppGroup, begun: float) -> App:
+    """Return a press from `begun` [s] on, with the force of the hardest step.
 
     Its pose is that of the last time with most of the force. It has a path where it turns, or where it sways
     by more than a press that is held; otherwise it states how far it was off the straight line.
     """
     hardest = _hardest(group.steps)
     changes, end = _forces(hardest.force, group.force_limit_n), group.pressed(hardest)
-    times = [t for step in group.steps for t in observed(step.segment.t0, step.segment.tn)]
+    times = [t for step in group.steps for t in observed(step.segment.t0, step.segment.tn) if t >= begun]
     felt = forces_felt(hardest.base, times, group.moment_at)
     changes["weaker_n"] = weaker_force(felt, hardest.force, len(times))
     changes["stronger_n"] = stronger_force(felt, length(hardest.force))
@@ -229,15 +233,15 @@ def _press(group: AppGroup) -> App:
     turns = False
     if end is not None:
         changes |= end.where
-        t0, paths = group.steps[0].segment.t0, group.paths
+        paths = group.paths
         if paths is not None:
-            off_m = paths.off_straight_m(t0, end.t)
-            turns = paths.turning(t0, end.t) is not None
+            off_m = paths.off_straight_m(begun, end.t)
+            turns = paths.turning(begun, end.t) is not None
             winds = off_m is not None and off_m > SWAYED_M
-            changes |= {"path": paths.between(t0, end.t)} if turns or winds else {"off_straight_m": off_m}
+            changes |= {"path": paths.between(begun, end.t)} if turns or winds else {"off_straight_m": off_m}
     if not turns:
         changes["aslant"] = force_aslant(felt, hardest.force) or force_aside(felt, hardest.force)
-    return group.app("apply_force", group.steps, **changes)
+    return group.app("apply_force", group.steps, t0=begun, **changes)
 
 
 def _hardest(steps: Sequence[ProgramSegment]) -> ProgramSegment:

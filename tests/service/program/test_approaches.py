@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -106,6 +107,7 @@ def test_a_rest_after_a_way_down_into_a_contact_begins_the_stroke(
     )
     assert kinds(made)[:2] == ["cartesian_motion", "move_to_contact"]
     assert [app.segments for app in made if app.kind == "apply_force"] == presses
+    assert all(app.tn <= following.t0 for app, following in pairwise(made)), "a press begins at its touch"
 
 
 def test_a_way_down_that_goes_on_in_a_stroke_is_no_press() -> None:

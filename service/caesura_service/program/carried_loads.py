@@ -115,7 +115,7 @@ def hanging(step: ProgramSegment, context: Context) -> ProgramSegment:
     return as_carry_of(step.segment.force, step, context, **moving)
 
 
-def as_carry_of(force: Vector, step: ProgramSegment, context: Context, **fields: str) -> ProgramSegment:
+def as_carry_of(force: Vector, step: ProgramSegment, context: Context, **fields: object) -> ProgramSegment:
     """Return a contact as a carry of the load whose weight is a force [N]; of none for one that pushes up.
 
     fields: other fields of the segment.

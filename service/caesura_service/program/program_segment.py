@@ -285,6 +285,16 @@ def carried_weight(segment: Segment, context: Context) -> NDArray[np.float64]:
     return weight
 
 
+def way_and_forces(step: ProgramSegment, context: Context) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the positions (n, 3) [m] and forces (n, 3) [N] on the way of a step.
+
+    The forces are (0, 3) if one of them is unknown.
+    """
+    times = observed(step.segment.t0, step.segment.tn)
+    places, forces = np.array([context.moment_at(t).position for t in times]), context.forces(times)
+    return places, forces if len(forces) == len(times) else forces[:0]
+
+
 def observed(begin: float, end: float) -> list[float]:
     """Return the times [s] of the observations between two boundaries, at least one; `end` is left out."""
     count = max(round((end - begin - ROUNDED_S) / OBSERVED_S), 1)

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from caesura_service.program.carried_loads import STANDS_S, as_carry_of
 from caesura_service.program.contacts import touched_at
@@ -27,7 +26,7 @@ from caesura_service.program.program_segment import (
     direction,
     holds,
     length,
-    observed,
+    way_and_forces,
 )
 
 PUSHES_ASIDE = 0.5  # force across a push, as a share of the force along it: friction alone leaves more across
@@ -99,7 +98,7 @@ def _gives_way(step: ProgramSegment, context: Context) -> bool:
 
 def _is_pulled(step: ProgramSegment, context: Context) -> bool:
     """Return whether what is carried is pulled back at its end, on `ARRIVES_M` or more of its way."""
-    places, forces = _way(step, context)
+    places, forces = way_and_forces(step, context)
     if len(forces) < ENDS:
         return False
     pulls = forces - carried_weight(step.segment, context)
@@ -117,7 +116,7 @@ def _pushes(step: ProgramSegment, context: Context) -> bool:
     A tool that follows a surface presses on it. With a force across of `PUSHES_ASIDE` or more of that along
     the way, the friction coefficient is at most 2.
     """
-    places, felt = _way(step, context)
+    places, felt = way_and_forces(step, context)
     if len(felt) < 2:
         return False
     felt = felt - step.base
@@ -125,16 +124,6 @@ def _pushes(step: ProgramSegment, context: Context) -> bool:
     work = -float(np.vecdot(ways, forces).sum())
     across = np.linalg.norm(np.cross(ways, forces), axis=1).sum()
     return bool(across < PUSHES_ASIDE * work)
-
-
-def _way(step: ProgramSegment, context: Context) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the positions (n, 3) [m] and forces (n, 3) [N] on the way of a step.
-
-    The forces are (0, 3) if one of them is unknown.
-    """
-    times = observed(step.segment.t0, step.segment.tn)
-    places, forces = np.array([context.moment_at(t).position for t in times]), context.forces(times)
-    return places, forces if len(forces) == len(times) else forces[:0]
 
 
 def _carried(step: ProgramSegment, context: Context) -> ProgramSegment:

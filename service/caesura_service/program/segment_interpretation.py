@@ -48,6 +48,7 @@ from caesura_service.program.program_segment import (
 )
 from caesura_service.program.resisted_movements import with_resisted_movements
 from caesura_service.program.sensor_bias import with_bases
+from caesura_service.program.spring_pulls import pulled
 
 Stage = Callable[[Sequence[ProgramSegment], Context], list[ProgramSegment]]
 
@@ -121,6 +122,9 @@ def _read(
 
     last: the last step kept, None before the first.
     """
+    pull = pulled(last, step, context)
+    if pull is not None:
+        return [pull]
     step = hanging(step, context)
     step = as_touching(last, step, context)
     step = hitting(leaving(last, step, context), place.ahead, context)

@@ -20,7 +20,7 @@ DEFAULT_PRESET = "default"
 
 
 def journal_directory() -> Path:
-    """Return the default directory of journals: the user's state directory."""
+    """Return the default directory of journals: `$XDG_STATE_HOME/caesura`, or `~/.local/state/caesura`."""
     state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
     return Path(state) / "caesura"
 

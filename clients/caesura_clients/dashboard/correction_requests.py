@@ -69,10 +69,11 @@ def refused(
 def preview(
     ask: Corrector, station: str, request: Request, clock: SessionClock = NO_OFFSET
 ) -> dict[str, Any]:
-    """Return the effect of a correction, or of all since one, as text and rows of segments [s].
+    """Ask the service for the effect of one correction, or of all corrections after a given one.
 
-    `span` [s] is their extent in time. For a correction that would be refused: the reason, and no row. clock:
-    of the session, for the text.
+    Returns the payload of the drawing: `lead` and `words` (text), `rows` [t0, tn, kind] of segments [s],
+    `span` [s] from the first to the last changed segment, and `failed`. If the service would refuse the
+    correction, `words` states the reason, and `rows` is empty. clock: of the session, for the text.
     """
     try:
         asked = parse_preview(request)

@@ -158,9 +158,10 @@ def _followed(parent: Indices, last: int) -> Indices:
 
 
 def gaussian_log(signals: Signals, settings: GaussianSettings = GAUSSIAN) -> Indices:
-    """Return starts by log speed and, where force shows contact, log force, (k,).
+    """Detect segments in log speed and, if the force shows a contact, log force.
 
-    The prior's mean is the annotators' threshold: a segment is as likely above it as below it.
+    Returns (k,) rows of the signals that begin a segment, without row 0. The prior's mean is the annotators'
+    threshold: a segment is as likely above it as below it. Raises ValueError as `detect`.
     """
     rows = log_features(signals, settings.floor_m_per_s, settings.floor_n)
     means = (np.log(MOVING_M_PER_S + settings.floor_m_per_s), np.log(CONTACT_N + settings.floor_n))
@@ -172,7 +173,7 @@ def gaussian_log(signals: Signals, settings: GaussianSettings = GAUSSIAN) -> Ind
 
 
 def student_speed(signals: Signals, settings: StudentSettings = STUDENT) -> Indices:
-    """Return starts by speed alone, (k,). The prior's mean is as for `gaussian_log`."""
+    """Detect segments in the speed alone. Prior mean, return value and error are those of `gaussian_log`."""
     unit = settings.unit_m_per_s
     if settings.scale == "log":
         rows, mean = log_features(signals, unit, 1.0)[:, :1], float(np.log(MOVING_M_PER_S + unit))

@@ -13,8 +13,8 @@ Array = NDArray[np.float64]
 class WrenchStatement(NamedTuple):
     """A user's statements on a wrench whose file states nothing; None: not stated."""
 
-    source: str | None = None
-    force_frame: str | None = None
+    source: str | None = None  # a `WrenchSource`
+    force_frame: str | None = None  # a `ForceFrame`
 
 
 class RawRecording(NamedTuple):

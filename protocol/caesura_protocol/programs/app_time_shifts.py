@@ -46,7 +46,7 @@ def speed_in_words(app: App) -> str:
 
 
 def part_of(app: App) -> int | None:
-    """Return the edit that inserted an app of another session; None for an app that was not inserted so."""
+    """Return the number of the edit that inserted an app of another session; None for every other app."""
     return next((mark.edit for mark in app.changes if mark.field == "taught_again"), None)
 
 

@@ -22,7 +22,7 @@ Time = tuple[float, float]  # from, to [s]
 
 
 class Group(BaseModel):
-    """Apps `first` to `last` of a program, counted from 0, and the name of their skill."""
+    """The apps of one phase: apps `first` to `last` of a program, counted from 0, and the phase's name."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 

@@ -58,9 +58,10 @@ def retimed(
 ) -> ProgramFile:
     """Return the program with some apps replaced, and the times of the others shifted.
 
-    steps: by number of the app, each from its taught `t0` on; pause_s: the pause [s] before an app, by the
-    app's number and the taught pause [s]; keeps_pause: apps before which the taught one is kept. Raises
-    CaesuraError for a program that is re-timed already, and for a pause that does not exist.
+    steps: by index of the app, each from its taught `t0` on; pause_s: returns the pause [s] before an app,
+    from the app's index and the taught pause [s]; keeps_pause: indices of the apps before which the taught
+    pause stays. Raises CaesuraError if the program is re-timed already, or if `keeps_pause` has an app
+    without a pause.
     """
     _check(program, keeps_pause)
     made: list[ProgramStep] = []

@@ -277,7 +277,10 @@ class EditHistory:
         return self.after(edit, at, known)
 
     def as_anew(self) -> EditHistory:
-        """Return the history with a mark that its last correction was resolved again at a restart."""
+        """Return the history with its last correction marked: it was resolved again at a restart.
+
+        Marked corrections are counted in a note of the program.
+        """
         if not self.active:
             return self
         return replace(self, active=(*self.active[:-1], replace(self.active[-1], anew=True)))

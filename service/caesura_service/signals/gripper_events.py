@@ -114,10 +114,10 @@ class GripperState(NamedTuple):
 
 @dataclass(frozen=True)
 class GripperTracker:
-    """Immutable parameters of the state machine.
+    """Detects openings and closings of a gripper in grid rows; its parameters are immutable.
 
-    `advance` maps a state and rows to the next state and events. Times are anchor + row / grid_hz [s], as
-    everywhere on the grid.
+    `advance` maps a state and rows to the next state and events. The time of a grid row is
+    anchor + row / grid_hz [s].
     """
 
     grid_hz: float

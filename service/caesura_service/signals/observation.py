@@ -48,10 +48,10 @@ class FilteredRow(NamedTuple):
     """A filtered row of the segmentation grid, which becomes an observation once the tare is known."""
 
     number: int  # becomes the observation's index
-    t: float
-    row: Array  # (c,) a flange row
-    velocity: Array  # (3,)
-    speed: float
+    t: float  # [s] session time
+    row: Array  # (c,) a flange row: its columns are those of `FlangeColumns`
+    velocity: Array  # (3,) [m/s] of the flange, base frame
+    speed: float  # [m/s] its length
     speeds: Array  # (n,) [m/s] at the grid rows since the observation before, the last one its own
     after_gap: bool
     measured_n: float | None  # [N] as in Observation

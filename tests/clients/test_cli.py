@@ -405,7 +405,7 @@ def test_program_asks_which_station_where_there_are_several(caesura, service):
     said = "several stations have sessions: cell-1, cell-2; name one with --station"
     assert_one_line(caesura("program"), said)
     shown = " ".join(caesura("program", "--help").stdout.replace("│", " ").split())
-    assert "needed where several have sessions" in shown
+    assert "required if several have sessions" in shown
 
 
 def test_program_says_where_no_station_has_a_session(caesura, service):

@@ -58,7 +58,8 @@ def bridge(
         Path | None, typer.Option(help="Recording to play: npz, csv, MCAP, or a rosbag2.")
     ] = None,
     mapping: Annotated[
-        Path | None, typer.Option(help="What is what in others' csv files and topics (docs/recordings.md).")
+        Path | None,
+        typer.Option(help="Names and units of csv columns or topics of other software (docs/recordings.md)."),
     ] = None,
     host: Annotated[
         str | None, typer.Option(help="The robot's address, for franky, panda, ur and xarm.")
@@ -70,46 +71,60 @@ def bridge(
         ),
     ] = None,
     no_gripper: Annotated[
-        bool, typer.Option("--no-gripper", help="Read no gripper: no Franka hand, for ur none of Robotiq.")
+        bool, typer.Option("--no-gripper", help="Do not read the gripper (Franka hand; Robotiq, for ur).")
     ] = False,
     tcp_offset: Annotated[
         str | None,
         typer.Option(
-            metavar="POSE", help="X,Y,Z,RX,RY,RZ of the TCP on the flange, for ur and xarm \\[m, rad]."
+            metavar="POSE",
+            help="Pose X,Y,Z,RX,RY,RZ of the TCP in the flange frame, for ur and xarm \\[m, rad].",
         ),
     ] = None,
     teach_mode: Annotated[
         bool,
-        typer.Option("--teach-mode", help="Let the arm be guided from beginning to end, for ur and xarm."),
+        typer.Option(
+            "--teach-mode",
+            help="Switch the arm to hand guiding for the whole demonstration, for ur and xarm.",
+        ),
     ] = False,
     ros: Annotated[
-        str | None, typer.Option(metavar="ENDPOINT", help="The Zenoh router of ROS 2; as --connect.")
+        str | None, typer.Option(metavar="ENDPOINT", help="Endpoint of the Zenoh router of ROS 2.")
     ] = None,
     session: Annotated[str | None, typer.Option(help="Session name; by default made from the time.")] = None,
     pace: Annotated[str, typer.Option(help="real, fast, or a multiple of real time.")] = "real",
     reading: Reading,
     scenario: Annotated[
-        str | None, typer.Option(help=f"What the simulated teacher shows: {', '.join(SCENARIO_NAMES)}.")
+        str | None, typer.Option(help=f"Scenario of the simulated teacher: {', '.join(SCENARIO_NAMES)}.")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulated teacher.")] = 0,
     preset: Annotated[
         str | None,
-        typer.Option(help=f"Model; by default the service's own choice: {', '.join(PRESET_NAMES)}."),
+        typer.Option(help=f"Model, by default the service's preset: {', '.join(PRESET_NAMES)}."),
     ] = None,
     asked: ProgramOptions,
     epoch: Annotated[
-        int, typer.Option(min=0, metavar="N", help="Above 0: take --session up after a restart.")
+        int,
+        typer.Option(
+            min=0,
+            metavar="N",
+            help="Continue --session after a restart: a number above that of the run before.",
+        ),
     ] = 0,
     batch: Annotated[int, typer.Option(min=1, max=1000, metavar="N", help="Samples in a message.")] = 20,
     marker: Annotated[
-        bool, typer.Option("--marker", help="Enter, or a pedal that types it, forces a changepoint.")
+        bool,
+        typer.Option(
+            "--marker", help="Each press of Enter, or of a pedal that types it, sets a changepoint."
+        ),
     ] = False,
     standby: Annotated[
         bool, typer.Option("--standby", help="Wait for `caesura start` and `stop`, or the dashboard.")
     ] = False,
     start_by: Annotated[
         Literal["button"] | None,
-        typer.Option(help="In standby the robot's hand-guiding button starts too: a press begins."),
+        typer.Option(
+            help="In standby a press of the robot's hand-guiding button starts a demonstration, too."
+        ),
     ] = None,
     released_s: Annotated[
         float | None,
@@ -117,21 +132,21 @@ def bridge(
             min=0.2,
             max=30.0,
             metavar="S",
-            help=f"Released for so long, the button ends it. By default {RELEASED_S:g}.",
+            help=f"Seconds after the release at which the demonstration ends. By default {RELEASED_S:g}.",
         ),
     ] = None,
     stated: DescriptionOptions,
     endpoint: Connect = None,
     config: Config = None,
 ) -> None:
-    """Send one robot's samples to the service. Ctrl-C, or SIGTERM, ends the demonstration.
+    """Send one robot's samples to the service until Ctrl-C or SIGTERM ends the demonstration.
 
-    The exit code is 1 where samples of it are lost.
+    The exit code is 1 if samples are lost.
 
-    In standby it sends nothing until it is started, and is ready again after each demonstration.
+    In standby it sends nothing until a demonstration is started, and waits for the next one after it.
 
-    With --start-by button a press of the robot's hand-guiding button begins one, and it ends at Stop, or once
-    the button was released for --released-s. A hand that regrips sooner goes on with it.
+    With --start-by button, a press of the robot's hand-guiding button starts a demonstration. It ends at
+    Stop, or --released-s after the button was released. A press before that continues it.
     """
     options = SourceOptions(
         file=file,

@@ -15,20 +15,18 @@ Connect = Annotated[
         "--connect",
         envvar=ENDPOINT_VARIABLE,
         metavar="ENDPOINT",
-        help=f"The service or its router; else as --zenoh-config says, or {DEFAULT_ENDPOINT}.",
+        help=f"The service or its router; by default that of --zenoh-config, or {DEFAULT_ENDPOINT}.",
     ),
 ]
 Config = Annotated[
     Path | None,
     typer.Option(
         "--zenoh-config",
-        help="zenoh json5 with the router, and certificates or a password.",
+        help="Zenoh configuration (json5): router, and certificates or a password.",
         exists=True,
         dir_okay=False,
     ),
 ]
 Station = Annotated[str | None, typer.Option(help="Teaching station.")]
-OnlyStation = Annotated[
-    str | None, typer.Option(help="Teaching station; needed where several have sessions.")
-]
+OnlyStation = Annotated[str | None, typer.Option(help="Teaching station; required if several have sessions.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]

@@ -26,9 +26,9 @@ def doctor(
     *,
     station: Station = None,
     seconds: Annotated[
-        float, typer.Option(min=1.0, max=600.0, metavar="S", help="How long it listens to the stations.")
+        float, typer.Option(min=1.0, max=600.0, metavar="S", help="Seconds to listen to the stations.")
     ] = LISTEN_S,
-    file: Annotated[Path | None, typer.Option(help="Look at a recording instead.")] = None,
+    file: Annotated[Path | None, typer.Option(help="Check this recording instead.")] = None,
     reading: Reading,
     mapping: Annotated[
         Path | None,
@@ -38,9 +38,9 @@ def doctor(
     endpoint: Connect = None,
     config: Config = None,
 ) -> None:
-    """Check connection, clock, credentials, journal, samples and wrench, and say what to do.
+    """Check connection, clock, credentials, journal, samples and wrench, and print remedies.
 
-    The exit code is 1 where something is ✗.
+    The exit code is 1 if a check is marked ✗.
     """
     with reported():
         if file is not None:

@@ -75,18 +75,20 @@ def edit(
     action: Annotated[
         list[str] | None,
         typer.Argument(
-            help=f"{USAGE}. Times \\[s]; NEWTON none lifts a limit; NUMBER as listed. Without an action the "
-            "corrections are listed. since states what those after NUMBER (0: all) have changed."
+            help=f"{USAGE}. Times in \\[s]. NEWTON: a force, or none for no limit. NUMBER: as in the list "
+            "of corrections, which is shown without an action. since: show what those after NUMBER changed."
         ),
     ] = None,
     author: Annotated[
-        str | None, typer.Option(envvar="CAESURA_AUTHOR", help="Whose correction; by default the login's.")
+        str | None,
+        typer.Option(envvar="CAESURA_AUTHOR", help="Author of the correction; by default the login name."),
     ] = None,
     revision: Annotated[
-        int | None, typer.Option(min=0, help="Of the session as it was seen; by default the current one.")
+        int | None,
+        typer.Option(min=0, help="Revision of the session that the correction is for; default: the current."),
     ] = None,
     preview: Annotated[
-        bool, typer.Option("--preview", help="Say what the correction would change; change nothing.")
+        bool, typer.Option("--preview", help="Show what the correction would change; change nothing.")
     ] = False,
     endpoint: Connect = None,
     config: Config = None,

@@ -104,22 +104,22 @@ def edit_program(
         ),
     ] = None,
     author: Annotated[
-        str | None, typer.Option(envvar="CAESURA_AUTHOR", help="Whose edit; by default the login's.")
+        str | None,
+        typer.Option(envvar="CAESURA_AUTHOR", help="Author of the edit; by default the login name."),
     ] = None,
     revision: Annotated[
-        int | None, typer.Option(min=0, help="Edits that the program had when it was seen; default: now.")
+        int | None,
+        typer.Option(min=0, help="Revision of the program that the edit is for; default: the current."),
     ] = None,
-    begins: Annotated[
-        float | None, typer.Option("--from", help="Of replace: the part begins here \\[s].")
-    ] = None,
-    ends: Annotated[float | None, typer.Option("--to", help="Of replace: the part ends here \\[s].")] = None,
+    begins: Annotated[float | None, typer.Option("--from", help="replace: start of the part \\[s].")] = None,
+    ends: Annotated[float | None, typer.Option("--to", help="replace: end of the part \\[s].")] = None,
     replacing: Annotated[
-        str | None, typer.Option("--with", help="Of replace: the session that takes the place of the part.")
+        str | None, typer.Option("--with", help="replace: session that replaces the part.")
     ] = None,
     endpoint: Connect = None,
     config: Config = None,
 ) -> None:
-    """Edit the program of a session, open or closed; what was inferred stays beneath the edits."""
+    """Edit the program of a session, open or closed. Edits can be undone; the inferred program is kept."""
     found = typed(action, Part(begins, ends, replacing)) if action else None
     with reported():
         named(station)

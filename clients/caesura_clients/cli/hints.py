@@ -28,14 +28,14 @@ def hints(
         typer.Option(
             "--exec",
             metavar="COMMAND",
-            help="Run it at each change, with CAESURA_HINT_EVENT (raised, updated or cleared), _KIND, _TEXT, "
-            "_ADVICE, _STATION, _SESSION and _ACTIVE set. It gets 5 s.",
+            help="Run this command at each change, for at most 5 s. Its environment has CAESURA_HINT_EVENT "
+            "(raised, updated or cleared), _KIND, _TEXT, _ADVICE, _STATION, _SESSION and _ACTIVE.",
         ),
     ] = None,
     endpoint: Connect = None,
     config: Config = None,
 ) -> None:
-    """Show hints to the teacher as they are raised, updated and cleared. All stations by default.
+    """Show hints to the teacher as they are raised, updated and cleared. By default of all stations.
 
     A command drives a light or a tone: CAESURA_HINT_ACTIVE is 0 once no hint of the station is active. At the
     end every active hint counts as cleared.

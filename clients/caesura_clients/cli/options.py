@@ -40,7 +40,7 @@ ForceFrame = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help=f"Of forces whose frame the file does not state: {', '.join(FORCE_FRAMES)}.",
+        help=f"Frame of the forces, if the file does not state it: {', '.join(FORCE_FRAMES)}.",
         show_default="base",
     ),
 ]
@@ -50,8 +50,8 @@ UpOption = Annotated[
     typer.Option(
         "--up",
         metavar="X,Y,Z",
-        help="Away from gravity in the base frame, of an arm that is tilted or hangs: three numbers, or an "
-        "axis such as -z.",
+        help="Direction opposite to gravity in the base frame, for an arm that is tilted or hangs: three "
+        "numbers, or an axis such as -z.",
         show_default="as in the file, or z",
     ),
 ]
@@ -60,7 +60,7 @@ ForceLimit = Annotated[
     typer.Option(
         min=0.1,
         metavar="N",
-        help="The cell's limit [N]: no app exerts more. Without it, as it was taught.",
+        help="Highest force [N] that an app of the program exerts. By default forces are as taught.",
     ),
 ]
 PathTolerance = Annotated[
@@ -68,7 +68,7 @@ PathTolerance = Annotated[
     typer.Option(
         min=0.1,
         metavar="MM",
-        help="Of the apps' paths \\[mm]; by default the service's, 2.",
+        help="Largest deviation of a path from the taught one \\[mm]; by default the service's, 2.",
     ),
 ]
 AngleTolerance = Annotated[
@@ -76,7 +76,7 @@ AngleTolerance = Annotated[
     typer.Option(
         min=0.1,
         metavar="DEG",
-        help="Of the orientations on them [°]; by default the service's, 1.",
+        help="Largest deviation of the orientation along it [°]; by default the service's, 1.",
     ),
 ]
 CellFile = Annotated[
@@ -90,7 +90,7 @@ GripperOption = Annotated[
     typer.Option(
         "--gripper",
         metavar="NAME",
-        help=f"Which gripper runs it, where it is not the robot's: {', '.join(grippers())}.",
+        help=f"Gripper that runs the program, if not the robot's own: {', '.join(grippers())}.",
     ),
 ]
 RobotOption = Annotated[
@@ -98,29 +98,29 @@ RobotOption = Annotated[
     typer.Option(
         "--robot",
         metavar="NAME|FILE",
-        help="Which arm it is: a name as of `caesura robots`, or the path of its robot.json.",
+        help="The arm: a name listed by `caesura robots`, or the path of a robot.json.",
     ),
 ]
 Retarget = Annotated[
     bool,
     typer.Option(
-        "--retarget", help="Of a program for another robot, leave the joints out and keep the poses."
+        "--retarget", help="Accept a program for another robot: keep its poses, drop its joint angles."
     ),
 ]
 LengthUnit = Annotated[
     str | None,
     typer.Option(
-        "--length-unit", "--unit", metavar="UNIT", help="Of positions: m, cm, mm; overrides the file."
+        "--length-unit", "--unit", metavar="UNIT", help="Unit of positions: m, cm, mm; overrides the file."
     ),
 ]
 TimeUnit = Annotated[
-    str | None, typer.Option(metavar="UNIT", help=f"Of times in the file: {', '.join(UNITS['time'])}.")
+    str | None, typer.Option(metavar="UNIT", help=f"Unit of times in the file: {', '.join(UNITS['time'])}.")
 ]
 AngleUnit = Annotated[
-    str | None, typer.Option(metavar="UNIT", help=f"Of joints in the file: {', '.join(UNITS['angle'])}.")
+    str | None, typer.Option(metavar="UNIT", help=f"Unit of joints in the file: {', '.join(UNITS['angle'])}.")
 ]
 ForceUnit = Annotated[
-    str | None, typer.Option(metavar="UNIT", help=f"Of forces in the file: {', '.join(UNITS['force'])}.")
+    str | None, typer.Option(metavar="UNIT", help=f"Unit of forces in the file: {', '.join(UNITS['force'])}.")
 ]
 CONNECT_TIMEOUT_S = 5.0
 MAPPING_HINT = (

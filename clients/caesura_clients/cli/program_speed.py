@@ -22,13 +22,13 @@ Speed = Annotated[
     str,
     typer.Option(
         metavar="SPEED",
-        help="Of movements that touch nothing: taught, optimal (within the robot's limits, without pauses), "
+        help="Speed of movements without contact: taught, optimal (within the robot's limits, no pauses), "
         f"or a factor from {LEAST_SPEED:g} to {MOST_SPEED:g}.",
     ),
 ]
 KeepPause = Annotated[
     list[int] | None,
-    typer.Option(metavar="APP", help="Keep the pause before this app of the table; may be repeated."),
+    typer.Option(metavar="APP", help="Keep the pause before the app with this number; may be repeated."),
 ]
 
 

@@ -62,16 +62,16 @@ class ProgramFormat(StrEnum):
 def program(
     station: OnlyStation = None,
     session: Annotated[
-        str | None, typer.Option(help="Session, also a closed one; by default the station's current one.")
+        str | None, typer.Option(help="Session, open or closed; by default the station's current one.")
     ] = None,
     file: Annotated[
-        Path | None, typer.Option(help="A program's JSON, instead of what a station taught.")
+        Path | None, typer.Option(help="JSON of a program, instead of a station's program.")
     ] = None,
     output_format: Annotated[
         ProgramFormat,
         typer.Option(
             "--format",
-            help="What to write; franky, urscript, xarm: a script, bt: BehaviorTree.CPP.",
+            help="Table, JSON, script for franky, urscript or xarm, or tree of BehaviorTree.CPP (bt).",
         ),
     ] = ProgramFormat.TABLE,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write to this file.")] = None,
@@ -81,18 +81,18 @@ def program(
         list[str] | None,
         typer.Option(
             metavar="GROUP=NAME",
-            help="Name a group of apps, by its number from 1 or its own name; may be repeated. A session "
-            "keeps a name by `caesura edit … name_phase`.",
+            help="Name a group of apps, given by its number from 1 or its name; may be repeated. The name is "
+            "only in this output; `caesura edit … name_phase` stores one.",
         ),
     ] = None,
     inferred: Annotated[
-        bool, typer.Option("--inferred", help="Without the edits of people (`caesura edit-program`).")
+        bool, typer.Option("--inferred", help="Without the edits of operators (`caesura edit-program`).")
     ] = False,
     against: Annotated[
         str | None,
         typer.Option(
             metavar="FILE|STATION/SESSION|STATION/SESSION@EDIT",
-            help="Show the differences from this program instead; @EDIT: as after that edit, 0: none.",
+            help="Show the differences from this program instead. @EDIT: as after that edit; 0: unedited.",
         ),
     ] = None,
     speed: Speed = TAUGHT,

@@ -28,16 +28,17 @@ from caesura_protocol.transport.zenoh_transport import endpoint_of
 
 def record_session(
     station: Annotated[str, typer.Option(help="Teaching station.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Where to: .mcap, .npz or .csv.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .mcap, .npz or .csv.")],
     session: Annotated[
         str | None, typer.Option(help="Session to record; by default the first one that is received.")
     ] = None,
     endpoint: Connect = None,
     config: Config = None,
 ) -> None:
-    """Record a session as it is taught, until it is closed or Ctrl-C: .mcap with its results, .npz or .csv.
+    """Record a session as it is taught, until it is closed or Ctrl-C: .npz, .csv, or .mcap with its results.
 
-    What was sent before, up to two minutes, is asked of the bridge; exit code 1 where something is missing.
+    Samples sent before, up to two minutes, are requested from the bridge. The exit code is 1 if samples are
+    missing.
     """
     with reported():
         named(station)

@@ -18,9 +18,9 @@ GRIPPER_COLUMNS = ("gripper", "title", "opening [mm]", "force [N]", "interface")
 
 
 def list_robots(as_json: Json = False) -> None:
-    """List the robots that --robot takes, and the grippers that --gripper takes.
+    """List the names of robots for --robot, and of grippers for --gripper.
 
-    Robots are those of this package, of others, and of the folder CAESURA_ROBOTS.
+    Robots come from this package, from other installed packages, and from the folder CAESURA_ROBOTS.
     """
     with reported():
         names = robot_names()

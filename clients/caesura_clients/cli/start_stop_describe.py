@@ -36,10 +36,10 @@ StationArgument = Annotated[str, typer.Argument(help="Teaching station.")]
 class DescriptionOptions(NamedTuple):
     """Command-line options that describe a session: task, operator, note and tags."""
 
-    task: Annotated[str | None, typer.Option(help="Name of the task, by which the session is found.")] = None
-    operator: Annotated[str | None, typer.Option(help="Who teaches.")] = None
-    note: Annotated[str | None, typer.Option(help="A line about the session.")] = None
-    tag: Annotated[list[str] | None, typer.Option(help="May be repeated.")] = None
+    task: Annotated[str | None, typer.Option(help="Name of the task, for lists and searches.")] = None
+    operator: Annotated[str | None, typer.Option(help="Name of the person who teaches.")] = None
+    note: Annotated[str | None, typer.Option(help="A remark about the session.")] = None
+    tag: Annotated[list[str] | None, typer.Option(help="A label of the session; may be repeated.")] = None
 
     def description(self) -> Description:
         """Return the description that the options state. Raises CaesuraError for a value that is invalid."""
@@ -69,18 +69,20 @@ def start(
 def stop(
     station: StationArgument,
     success: Annotated[Said | None, typer.Option(help="Did the demonstration succeed?")] = None,
-    session: Annotated[str | None, typer.Option(help="By default the current one.")] = None,
+    session: Annotated[
+        str | None, typer.Option(help="The session to stop; by default the current one.")
+    ] = None,
     without_bridge: Annotated[
         bool,
         typer.Option(
             "--without-bridge",
-            help="Close what a bridge that ended for good left open, as far as it came.",
+            help="Close a session whose bridge has ended and does not return. It ends with its last sample.",
         ),
     ] = False,
     endpoint: Connect = None,
     config: Config = None,
 ) -> None:
-    """Stop the demonstration of a station; returns once the service has all of it, but for what is lost."""
+    """Stop the demonstration of a station. Returns once the service has all samples that are not lost."""
     stated = None if success is None else success == "yes"
     with reported():
         named(station)
@@ -151,10 +153,11 @@ def describe(
     success: Annotated[Said | None, typer.Option(help="Did the demonstration succeed?")] = None,
     deleted: Annotated[
         bool | None,
-        typer.Option("--deleted/--restored", help="Leave it out of lists; its samples stay."),
+        typer.Option("--deleted/--restored", help="Hide it in lists, or show it again; its samples stay."),
     ] = None,
     author: Annotated[
-        str | None, typer.Option(envvar="CAESURA_AUTHOR", help="Whose change; by default the login's.")
+        str | None,
+        typer.Option(envvar="CAESURA_AUTHOR", help="Author of the change; by default the login name."),
     ] = None,
     endpoint: Connect = None,
     config: Config = None,

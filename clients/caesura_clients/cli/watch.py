@@ -30,11 +30,11 @@ from caesura_protocol.session_time_display import clock_of
 
 def watch(
     station: Station = None,
-    once: Annotated[bool, typer.Option("--once", help="Show what there is, and end.")] = False,
+    once: Annotated[bool, typer.Option("--once", help="Show the current state, and end.")] = False,
     endpoint: Connect = None,
     config: Config = None,
 ) -> None:
-    """Show segments as they are found; what is marked ~ may still change. All stations by default.
+    """Show segments as they are found; those marked ~ may still change. By default of all stations.
 
     In a file or a pipe each final segment is a line: station/session, number, from and to in s, kind, p, and
     force or load.

@@ -21,24 +21,30 @@ def dashboard(
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen on.")] = DEFAULT_PORT,
     name: Annotated[
-        list[str] | None, typer.Option(help="Host that a reverse proxy asks for; may be repeated.")
+        list[str] | None, typer.Option(help="Host name in the requests of a reverse proxy; may be repeated.")
     ] = None,
     proxy: Annotated[
         list[str] | None,
-        typer.Option(help="Address or network of a reverse proxy that says who asks; may be repeated."),
+        typer.Option(
+            help="Address or network of a reverse proxy that states the client's address; may be repeated."
+        ),
     ] = None,
     password_file: Annotated[
         Path | None,
-        typer.Option(help="First line: the password to log in with.", exists=True, dir_okay=False),
+        typer.Option(
+            help="File whose first line is the password to log in with.", exists=True, dir_okay=False
+        ),
     ] = None,
     insecure: Annotated[
         bool, typer.Option("--insecure", help="Admit every browser that reaches --host, without a password.")
     ] = False,
-    read_only: Annotated[bool, typer.Option("--read-only", help="Show everything, correct nothing.")] = False,
+    read_only: Annotated[
+        bool, typer.Option("--read-only", help="Show everything, and refuse every change.")
+    ] = False,
     bridge_config: Annotated[
         Path | None,
         typer.Option(
-            help="zenoh json5 with a bridge's credentials, to play recordings; else --zenoh-config.",
+            help="Zenoh configuration of a bridge, to play recordings; by default --zenoh-config.",
             exists=True,
             dir_okay=False,
         ),
@@ -46,7 +52,7 @@ def dashboard(
     endpoint: Connect = None,
     config: Config = None,
 ) -> None:
-    """Show stations in a browser: signals, segments, programs; and correct what was found."""
+    """Show stations in a browser, with signals, segments and programs, and correct the results."""
     from caesura_clients.dashboard.correction_requests import corrector  # noqa: PLC0415
     from caesura_clients.dashboard.demonstration_control import DemonstrationDesk  # noqa: PLC0415
     from caesura_clients.dashboard.network_follower import NetworkFollower  # noqa: PLC0415

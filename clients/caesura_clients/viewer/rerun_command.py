@@ -19,9 +19,10 @@ VIEWER = "rerun+http://127.0.0.1:9876/proxy"  # where `rerun` listens
 
 def show_in_rerun(
     station: OnlyStation = None,
-    viewer: Annotated[str, typer.Option(metavar="URL", help="A Rerun viewer that runs.")] = VIEWER,
+    viewer: Annotated[str, typer.Option(metavar="URL", help="Address of a running Rerun viewer.")] = VIEWER,
     save: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write an rrd file in place of a viewer.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Write an rrd file instead of showing the station in a viewer."),
     ] = None,
     endpoint: Connect = None,
     config: Config = None,

@@ -31,11 +31,12 @@ DEFAULT_PORT = 8081
 def annotate(
     file: RecordingFile,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="The annotation.", show_default="beside the recording")
+        Path | None,
+        typer.Option("--out", "-o", help="Annotation to write.", show_default="beside the recording"),
     ] = None,
     annotator: Annotated[
         str | None,
-        typer.Option(envvar="CAESURA_AUTHOR", help="Of a new annotation; by default the login's."),
+        typer.Option(envvar="CAESURA_AUTHOR", help="Author of a new annotation; by default the login name."),
     ] = None,
     port: Annotated[
         int, typer.Option(min=1, max=65535, metavar="N", help="Port to listen on.")

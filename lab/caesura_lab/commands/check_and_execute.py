@@ -43,13 +43,16 @@ UpOfBase = Annotated[
     typer.Option(
         "--up",
         metavar="X,Y,Z",
-        help="Away from gravity in the frame of the base that runs it: three numbers, or an axis such as -z.",
+        help="Direction opposite to gravity in the base frame of the robot that runs it: X,Y,Z, or an axis.",
         show_default="not compared",
     ),
 ]
 ScenarioName = Annotated[
     str | None,
-    typer.Option("--scenario", help="The simulated cell that it is run in; says what stands there."),
+    typer.Option(
+        "--scenario",
+        help="Simulated cell with its surfaces and objects: a scenario of `caesura teach --list`.",
+    ),
 ]
 
 
@@ -64,7 +67,7 @@ def check(
     up: UpOfBase = None,
     as_json: Json = False,
 ) -> None:
-    """Say what of a program cannot be run, app by app. The exit code is 1 where anything cannot."""
+    """Check whether a program can be run, app by app. The exit code is 1 if an app cannot."""
     # Pinocchio takes a second to load: only for who needs it.
     from caesura_lab.execution.cell_limits import Cell as SimulatedCell  # noqa: PLC0415
     from caesura_lab.execution.cell_simulation import CellSimulation  # noqa: PLC0415
@@ -107,17 +110,23 @@ def check(
 def execute(
     file: ProgramPath,
     *,
-    simulated: Annotated[bool, typer.Option("--simulated", help="On the simulated robot.")] = False,
+    simulated: Annotated[
+        bool, typer.Option("--simulated", help="Run it on the simulated robot (the only one here).")
+    ] = False,
     scenario: ScenarioName = None,
     cell_file: CellFile = None,
     force_limit: ForceLimit = None,
-    seed: Annotated[int, typer.Option(min=0, help="Whose object and sensors, as for `caesura teach`.")] = 0,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Seed of the object and the sensors, as for `caesura teach`.")
+    ] = 0,
     robot: RobotOption = None,
     retarget: Retarget = False,
     gripper: GripperOption = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Write what was recorded, .npz.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Write a recording of the run, .npz.")
+    ] = None,
 ) -> None:
-    """Run a program on the simulated robot. The exit code is 1 where it is refused or stopped.
+    """Run a program on the simulated robot. The exit code is 1 if it is refused or stopped.
 
     Without --scenario it runs in a cell as taught: a level surface stands where the program touches, and an
     object where it grasps.

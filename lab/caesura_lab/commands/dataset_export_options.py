@@ -23,19 +23,21 @@ class DatasetOptions(NamedTuple):
 
     fps: Annotated[
         int | None,
-        typer.Option(min=1, metavar="N", help="Frames a second; by default the samples' rate, at most 100."),
+        typer.Option(
+            min=1, metavar="N", help="Frames per second; by default the rate of the samples, at most 100."
+        ),
     ] = None
-    task: Annotated[
-        str | None, typer.Option(help="What is done in all of them; by default the name of each.")
-    ] = None
+    task: Annotated[str | None, typer.Option(help="Task of all episodes; by default the name of each.")] = (
+        None
+    )
     success: Annotated[
-        bool, typer.Option("--success", help="They reached their goal, but those of --failed.")
+        bool, typer.Option("--success", help="Mark the episodes as successful, except those of --failed.")
     ] = False
     failed: Annotated[
-        list[str], typer.Option(metavar="NAME", help="One that did not reach its goal; repeatable.")
+        list[str], typer.Option(metavar="NAME", help="An episode that failed; may be repeated.")
     ] = []  # noqa: RUF012 - typer copies it
     without_language: Annotated[
-        bool, typer.Option("--without-language", help="Leave out what lerobot 0.4 refuses.")
+        bool, typer.Option("--without-language", help="Omit the language columns, which lerobot 0.4 refuses.")
     ] = False
 
     def success_of(self, names: Sequence[str]) -> dict[str, bool]:

@@ -27,11 +27,15 @@ SILENCE_S = 30.0  # without any result, something is wrong
 
 def demo(
     fast: Annotated[
-        bool, typer.Option("--fast", help="As fast as possible, not at the pace of a hand.")
+        bool, typer.Option("--fast", help="Run as fast as possible instead of in real time.")
     ] = False,
-    scenario: Annotated[str, typer.Option(help="What is taught.")] = "pick_and_place",
-    seed: Annotated[int, typer.Option(min=0, help="Another seed, another person.")] = 0,
-    robot: Annotated[str, typer.Option(help="Which arm, or the path of its robot.json.")] = "panda",
+    scenario: Annotated[
+        str, typer.Option(help="Name of a scenario (`caesura teach --list`).")
+    ] = "pick_and_place",
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulated person.")] = 0,
+    robot: Annotated[
+        str, typer.Option(help="The arm: a name listed by `caesura robots`, or the path of a robot.json.")
+    ] = "panda",
 ) -> None:
     """Teach a simulated robot and watch segments and the task program appear."""
     console = Console()

@@ -92,51 +92,57 @@ def evaluate(
     ] = None,
     *,
     suite_name: Annotated[
-        str | None, typer.Option("--suite", help=f"Instead of files: {', '.join(ALL_SUITES)}.")
+        str | None,
+        typer.Option("--suite", help=f"Name of a suite, instead of files: {', '.join(ALL_SUITES)}."),
     ] = None,
     seeds: Annotated[
         int | None,
         typer.Option(
             min=1,
-            help="Simulated people a scenario.",
+            help="Number of simulated people for each scenario.",
             show_default=f"{SEEDS}, thesis and roundtrip {THESIS_SEEDS}, coaching {COACHING_SEEDS}",
         ),
     ] = None,
-    first_seed: Annotated[int, typer.Option(min=0, help="The first of them.")] = 1,
+    first_seed: Annotated[int, typer.Option(min=0, help="Seed of the first simulated person.")] = 1,
     robot: Annotated[
         str | None,
-        typer.Option(help=f"Suites {', '.join(TAUGHT)} and {ROUNDTRIP}: which arm.", show_default="panda"),
+        typer.Option(
+            help=f"The arm of the suites {', '.join(TAUGHT)} and {ROUNDTRIP}.", show_default="panda"
+        ),
     ] = None,
     speed: Annotated[
-        RunSpeed, typer.Option(help="Roundtrip: as taught, or within the arm's limits and no pauses.")
+        RunSpeed,
+        typer.Option(help="Speed of the suite roundtrip: taught, or the fastest within the arm's limits."),
     ] = "taught",
     data: Annotated[
         Path,
         typer.Option(
-            help="Suites on recordings: the directory of the recordings.",
+            help="Directory of the recordings, for suites of recordings.",
             envvar=DATA_VARIABLE,
             show_default="data/real",
         ),
     ] = OPEN,
-    preset: Annotated[
-        list[str] | None, typer.Option(help="Preset of Caesura; may be given more than once.")
-    ] = None,
+    preset: Annotated[list[str] | None, typer.Option(help="Preset to evaluate; may be repeated.")] = None,
     with_baselines: Annotated[
-        bool, typer.Option("--baselines/--no-baselines", help="Judge other methods too.")
+        bool, typer.Option("--baselines/--no-baselines", help="Evaluate other methods, too.")
     ] = True,
     tolerance: Annotated[
-        float, typer.Option(min=0.0, help="Widens the points' own tolerances to at least this many seconds.")
+        float,
+        typer.Option(
+            min=0.0, help="Smallest tolerance \\[s]; smaller ones of annotated points are raised to it."
+        ),
     ] = 0.0,
     slack: Annotated[
         float,
         typer.Option(
             min=0.0,
-            help="Results are shown without slack and with so much \\[s] added to each point's own "
-            "tolerance, before --tolerance. 0 shows the former only.",
+            help="Seconds that a second set of results adds to the tolerance of each point, before "
+            "--tolerance. 0: no second set.",
         ),
     ] = SLACK_S,
     ablate: Annotated[
-        bool, typer.Option("--ablate", help="Judge default beside itself without each of its principles.")
+        bool,
+        typer.Option("--ablate", help="Evaluate default, and variants that each lack one of its models."),
     ] = False,
     confusion: Annotated[
         bool, typer.Option("--confusion", help="Show the presets' class confusion and typical errors.")
@@ -147,31 +153,35 @@ def evaluate(
     ] = False,
     diagram_file: Annotated[
         Path | None,
-        typer.Option("--diagram", help="Calibration: draw it to this file, .svg, .png or .pdf."),
+        typer.Option("--diagram", help="File for the diagram of --calibration: .svg, .png or .pdf."),
     ] = None,
     evidence: Annotated[
-        bool, typer.Option("--evidence", help="Compare motion libraries by log evidence; needs no truth.")
+        bool, typer.Option("--evidence", help="Compare motion libraries by log evidence, without the truth.")
     ] = False,
     mutated: Annotated[
         int | None,
-        typer.Option("--mutations", min=1, help="Roundtrip: check and run so many spoilt programs instead."),
+        typer.Option(
+            "--mutations",
+            min=1,
+            help="Suite roundtrip: check and run this number of corrupted programs instead.",
+        ),
     ] = None,
-    output_format: Annotated[Format, typer.Option("--format", help="How to write it.")] = Format.TEXT,
+    output_format: Annotated[Format, typer.Option("--format", help="Format of the output.")] = Format.TEXT,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write to this file.")] = None,
     mapping: Annotated[
         Path | None, typer.Option(help="Names and units in a csv or rosbag2 of other software.")
     ] = None,
     force_frame: ForceFrame = None,
     length_unit: Annotated[
-        str | None, typer.Option(metavar="UNIT", help="Of positions: m, cm, mm; overrides the file.")
+        str | None, typer.Option(metavar="UNIT", help="Unit of positions: m, cm, mm; overrides the file.")
     ] = None,
     time_unit: TimeUnit = None,
     angle_unit: AngleUnit = None,
     force_unit: ForceUnit = None,
     up: UpOption = None,
-    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = WORKERS,
+    workers: Annotated[int, typer.Option(min=1, help="Number of processes.")] = WORKERS,
 ) -> None:
-    """Judge segmentations against the truth: boundaries, classes, delays, load and force."""
+    """Compare segmentations with the truth: boundaries, classes, delays, load and force."""
     with reported():
         try:
             _check_calibration(

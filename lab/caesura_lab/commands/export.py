@@ -40,11 +40,14 @@ def export_recording(
     files: RecordingFiles,
     *,
     out: Annotated[
-        Path, typer.Option("--out", "-o", help="Where to: .mcap, .npz or .csv, or a new directory.")
+        Path, typer.Option("--out", "-o", help="File to write, .mcap, .npz or .csv, or a new directory.")
     ],
     file_format: Annotated[
         Literal["lerobot"] | None,
-        typer.Option("--format", help="A dataset, an episode each; else as the suffix of --out says."),
+        typer.Option(
+            "--format",
+            help="A dataset, an episode for each recording; by default the format follows --out.",
+        ),
     ] = None,
     dataset: DatasetOptions,
     preset: PresetName = DEFAULT_PRESET,

@@ -43,7 +43,7 @@ def _known_preset(name: str) -> str:
 
 
 PresetName = Annotated[
-    str, typer.Option(help=f"Model: {', '.join(sorted(PRESETS))}.", callback=_known_preset)
+    str, typer.Option(help=f"Preset of the models: {', '.join(sorted(PRESETS))}.", callback=_known_preset)
 ]
 Mapping = Annotated[
     Path | None,

@@ -27,16 +27,17 @@ from caesura_service.config import DEFAULT_PRESET
 def report(
     file: RecordingFile,
     *,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Where to: .pdf, .png or .html.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .pdf, .png or .html.")],
     preset: PresetName = DEFAULT_PRESET,
     truth: Annotated[
-        Path | None, typer.Option(help="Annotation to compare with; FILE's .ann.json if it is there.")
+        Path | None,
+        typer.Option(help="Annotation to compare with; by default FILE's .ann.json, if it exists."),
     ] = None,
     reading: Reading,
     asked: ProgramOptions,
     mapping: Mapping = None,
 ) -> None:
-    """Draw a recording as it is divided: signals, path, tables, and what the filter believed when."""
+    """Draw a recording with its segmentation: signals, path, tables, and the posterior over time."""
     with reported():
         _writable(out)
         recording = load_recording(file, **reading._asdict(), robot=asked.robot, mapping=mapping)

@@ -102,15 +102,17 @@ def segment(
     preset: PresetName = DEFAULT_PRESET,
     threshold: Annotated[
         float | None,
-        typer.Option(help="Changepoints where their probability is above this, as in the thesis (0.2)."),
+        typer.Option(
+            help="Set a changepoint where the probability exceeds this value, as in the thesis (0.2)."
+        ),
     ] = None,
     json_out: Annotated[
         Path | None,
         typer.Option(
             "--json",
             metavar="OUT",
-            help="Write the results here: a file; of several recordings a directory. With - they are "
-            "printed, and nothing else; of several a line each.",
+            help="Write the results to this file, or those of several recordings to this directory. "
+            "-: print only the results, one line for each recording.",
         ),
     ] = None,
     reading: Reading,
@@ -118,12 +120,14 @@ def segment(
     mapping: Mapping = None,
     ask: Annotated[
         bool,
-        typer.Option("--ask", help="Ask for columns, units, wrench, hand, robot, up; keep the answers."),
+        typer.Option(
+            "--ask", help="Ask for columns, units, wrench, hand, robot and up, and store the answers."
+        ),
     ] = False,
 ) -> None:
-    """Divide recordings into segments, and show them with the task program; of several, a line each.
+    """Divide recordings into segments, and show them with the task program. Several are shown in a line each.
 
-    The exit code is 1 where a recording is refused. The others of several are segmented.
+    The exit code is 1 if a recording is refused. All others are segmented.
     """
     with reported():
         if json_out is not None:

@@ -22,25 +22,31 @@ if TYPE_CHECKING:
 
 
 def teach(
-    scenario: Annotated[str | None, typer.Argument(help="What is taught; --list shows all.")] = None,
+    scenario: Annotated[str | None, typer.Argument(help="Name of a scenario; --list shows all.")] = None,
     *,
-    seed: Annotated[int, typer.Option(min=0, help="Another seed, another person; 0 is the thesis' own.")] = 0,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Seed of the simulated person; 0: the person of the thesis.")
+    ] = 0,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="File to write, .npz; SCENARIO.npz if not given.")
+        Path | None, typer.Option("--out", "-o", help="File to write, .npz; by default SCENARIO.npz.")
     ] = None,
-    wrench_source: Annotated[str, typer.Option(help="What the wrench can see.")] = "flange_sensor",
+    wrench_source: Annotated[str, typer.Option(help="Where the wrench is measured.")] = "flange_sensor",
     profile: Annotated[
-        str | None, typer.Option(help="How the hand moves; the person's own if not given.")
+        str | None, typer.Option(help="Speed profile of the hand; by default the person's own.")
     ] = None,
-    rate: Annotated[float, typer.Option(help="Samples a second [Hz].")] = 1000.0,
+    rate: Annotated[float, typer.Option(help="Sampling rate [Hz].")] = 1000.0,
     natural: Annotated[
         bool,
-        typer.Option("--natural", help="With habits, as the teacher suite has people; else ideal strokes."),
+        typer.Option(
+            "--natural", help="Simulate a person's habits, as in the suite teacher; by default ideal strokes."
+        ),
     ] = False,
-    robot: Annotated[str, typer.Option(help="Which arm, or the path of its robot.json.")] = "panda",
+    robot: Annotated[
+        str, typer.Option(help="The arm: a name listed by `caesura robots`, or the path of a robot.json.")
+    ] = "panda",
     list_scenarios: Annotated[bool, typer.Option("--list", help="List the scenarios and stop.")] = False,
 ) -> None:
-    """Let a simulated person teach a robot: a recording, and beside it what really happened."""
+    """Simulate a demonstration; write its recording and, beside it, the true segments."""
     if list_scenarios or scenario is None:
         _list()
         return

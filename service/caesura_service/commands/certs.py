@@ -16,37 +16,43 @@ _Names = list[str] | None
 
 
 def certs(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Where the files are kept.")],
-    station: Annotated[_Names, typer.Option(help="A bridge of this station. Repeatable, as all are.")] = None,
-    dashboard: Annotated[
-        _Names, typer.Option(help="A viewer, who reads the results of every station.")
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Directory of the files.")],
+    station: Annotated[
+        _Names, typer.Option(help="Name of a station, for its bridge; may be repeated, like every name here.")
     ] = None,
-    operator: Annotated[_Names, typer.Option(help="A dashboard that may also send commands.")] = None,
+    dashboard: Annotated[
+        _Names, typer.Option(help="Name of a viewer, which reads the results of every station.")
+    ] = None,
+    operator: Annotated[_Names, typer.Option(help="Name of a dashboard that may also send commands.")] = None,
     instance: Annotated[
-        _Names, typer.Option(help="An instance of the service whose router is another process.")
+        _Names, typer.Option(help="Name of an instance of the service whose router is a separate process.")
     ] = None,
     host: Annotated[
         _Names,
-        typer.Option(help="Name or address by which clients reach the router; their files name the first."),
+        typer.Option(help="Host name or address of the router for clients; their files use the first."),
     ] = None,
     listen: Annotated[
-        str | None, typer.Option(metavar="ENDPOINT", help="Of the router; by default tls/[::]:7447.")
+        str | None, typer.Option(metavar="ENDPOINT", help="Endpoint of the router; by default tls/[::]:7447.")
     ] = None,
-    days: Annotated[int, typer.Option(min=1, max=3650, help="How long new certificates last.")] = 730,
+    days: Annotated[
+        int, typer.Option(min=1, max=3650, help="Days for which new certificates are valid.")
+    ] = 730,
     passwords: Annotated[
-        bool, typer.Option("--passwords", help="Also make a user and a random password for each of them.")
+        bool, typer.Option("--passwords", help="Also make a user with a random password for each name.")
     ] = False,
     renew: Annotated[
         _Names,
-        typer.Option(metavar="ROLE.NAME", help="Replace a certificate and password; also router."),
+        typer.Option(
+            metavar="ROLE.NAME", help="Replace a certificate and its password; router: that of the router."
+        ),
     ] = None,
     revoke: Annotated[
-        _Names, typer.Option(metavar="ROLE.NAME", help="Take a certificate and its password out of use.")
+        _Names, typer.Option(metavar="ROLE.NAME", help="Revoke a certificate and its password.")
     ] = None,
 ) -> None:
     """Make certificates for mutual TLS, and the access rules for every role.
 
-    What is there already stays: run it again to add a station.
+    Existing files stay. Run it again to add a station.
     """
     asked: dict[Role, _Names] = {
         "service": instance,

@@ -57,64 +57,75 @@ def serve(
     listen: Annotated[
         str | None,
         typer.Option(
-            help=f"Endpoint of the embedded router; else as --zenoh-config says, or {DEFAULT_ENDPOINT}."
+            help=f"Endpoint of the embedded router; by default that of --zenoh-config, or {DEFAULT_ENDPOINT}."
         ),
     ] = None,
-    connect: Annotated[str | None, typer.Option(help="Be client of this router instead.")] = None,
+    connect: Annotated[
+        str | None, typer.Option(help="Connect to this router instead of embedding one.")
+    ] = None,
     instance: Annotated[str, typer.Option(help="Name of this instance.")] = DEFAULT_INSTANCE,
     instances: Annotated[
         int,
         typer.Option(
             min=1,
             max=64,
-            help="So many processes that share the stations: NAME-1, NAME-2, …, with service.NAME-1.json5 "
-            "beside --zenoh-config, and with --metrics at ports that follow each other.",
+            help="Number of processes that share the stations. They are named NAME-1, NAME-2, …; each has a "
+            "service.NAME-1.json5 beside --zenoh-config, and its own --metrics port, from PORT on.",
         ),
     ] = 1,
     instance_silence_s: Annotated[
         float,
         typer.Option(
-            min=5.0, help="One of several that gives no sign of life for so long is killed and started again."
+            min=5.0, help="Kill and restart an instance that has sent no heartbeat for so many seconds."
         ),
     ] = SILENCE_S,
-    preset: Annotated[str, typer.Option(help="Model where a session names none.")] = DEFAULT_PRESET,
+    preset: Annotated[str, typer.Option(help="Preset of sessions that name none.")] = DEFAULT_PRESET,
     zenoh_config: Annotated[
-        Path | None, typer.Option(help="zenoh json5 with certificates, users and access rules.")
+        Path | None, typer.Option(help="Zenoh configuration (json5): certificates, users and access rules.")
     ] = None,
     insecure: Annotated[
-        bool, typer.Option("--insecure", help="Listen without credentials where other machines reach it.")
+        bool,
+        typer.Option(
+            "--insecure", help="Listen without credentials on an address that other machines reach."
+        ),
     ] = False,
     journal: Annotated[
         str | None,
         typer.Option(
             metavar="DIR",
-            help="Where sessions are kept, or memory: until the service ends. "
+            help="Directory of the journal; memory keeps sessions only until the service ends. "
             "By default caesura in the user's state directory.",
         ),
     ] = None,
     journal_commit_s: Annotated[
-        float, typer.Option(min=0.0, max=10.0, help="A record waits at most so long to be written.")
+        float, typer.Option(min=0.0, max=10.0, help="Longest time \\[s] until a record is on disk.")
     ] = JournalSettings.commit_s,
     journal_days: Annotated[
         float,
         typer.Option(
             min=0.0,
-            help="A session is kept so long after it was last touched; a pause beyond a week counts as one.",
+            help="Days for which a session is kept after its last change. A pause of over a week without any "
+            "record counts as a week.",
         ),
     ] = JournalSettings.age_s / DAY_S,
     journal_gb: Annotated[
         float,
-        typer.Option(min=0.01, help="Past this size closed sessions go; open ones of a station take half."),
+        typer.Option(
+            min=0.01,
+            help="Size \\[GB] beyond which the oldest closed sessions are deleted. Open ones have a share.",
+        ),
     ] = JournalSettings.size_bytes / GB,
     metrics: Annotated[
         str | None,
         typer.Option(
             metavar="HOST:PORT",
-            help="Serve /metrics for Prometheus, /healthz and /readyz for probes here; port 0: a free one.",
+            help="Address of /metrics for Prometheus, and of /healthz and /readyz; port 0: a free one.",
         ),
     ] = None,
-    log_level: Annotated[str, typer.Option(help=f"{', '.join(LEVELS)}.")] = "info",
-    log_format: Annotated[str, typer.Option(help=f"{', '.join(LOG_FORMATS)}.")] = "text",
+    log_level: Annotated[
+        str, typer.Option(help=f"Least severe level that is logged: {', '.join(LEVELS)}.")
+    ] = "info",
+    log_format: Annotated[str, typer.Option(help=f"Format of log lines: {', '.join(LOG_FORMATS)}.")] = "text",
     leave_with_stdin: Annotated[bool, typer.Option(LEAVES_WITH_STDIN, hidden=True)] = False,
 ) -> None:
     """Segment what bridges publish, until SIGINT or SIGTERM.

@@ -164,7 +164,7 @@ def test_a_wrench_whose_source_is_not_stated_is_named_and_so_is_what_it_does_not
     unstated = replace(taught, wrench_source=None)
     reported = said(segmented(tmp_path, unstated))
     assert "wrench source flange_sensor_with_hand is assumed" in reported
-    assert "contacts were not looked for" in reported
+    assert "contacts were not searched for" in reported
 
 
 def test_a_gap_reaches_the_check_as_data(tmp_path: Path) -> None:
@@ -172,7 +172,7 @@ def test_a_gap_reaches_the_check_as_data(tmp_path: Path) -> None:
     holed = program.model_copy(update={"gaps": (Gap(t0=1.5, tn=1.75, reason="evicted"),), "notes": ()})
     path = tmp_path / "holed.json"
     path.write_text(holed.as_json())
-    assert said(path) == "warning: was not observed at 1.50–1.75 s: look at what it does"
+    assert said(path) == "warning: was not observed at 1.50–1.75 s: check its motion before a run"
 
 
 def test_a_path_that_cannot_be_kept_within_its_tolerance_says_so(tmp_path: Path) -> None:
@@ -181,7 +181,7 @@ def test_a_path_that_cannot_be_kept_within_its_tolerance_says_so(tmp_path: Path)
     shaken = circle + 0.004 * np.sin(12.0 * T)[:, None] * (eased(1.0, 2.0) - eased(8.0, 9.0))[:, None]
     program = segmented(tmp_path, recording(shaken), "--path-tolerance", "0.1")
     assert max(len(one.path.via) for one in read_document(program).apps if one.path) == MAX_VIA_POINTS
-    assert "from the path that was taught, 0.1 mm were asked for" in said(program)
+    assert "from the taught path, the tolerance is 0.1 mm" in said(program)
 
 
 def test_what_is_lost_stands_in_every_table_page_and_script(tmp_path: Path) -> None:
@@ -199,7 +199,7 @@ def test_what_is_lost_stands_in_every_table_page_and_script(tmp_path: Path) -> N
         "check": said(program),
         "report": page.read_text("utf-8"),
     }
-    lost = re.compile(r"2\d mm of way taught at [0-9.]+–[0-9.]+ s are in no app")
+    lost = re.compile(r"2\d mm of motion taught at [0-9.]+–[0-9.]+ s are in no app")
     assert [name for name, text in outputs.items() if not lost.search(" ".join(text.split()))] == []
 
 
@@ -242,7 +242,7 @@ def test_fingers_that_open_in_motion_are_named_with_the_speed(tmp_path: Path, mo
     taught = recording(way)
     taught = replace(taught, signals=taught.signals | {"gripper": opening})
     named = re.findall(
-        r"at 6\.\d s the flange moved with (\d+) mm/s as the f", said(segmented(tmp_path, taught))
+        r"at 6\.\d s the flange moved with (\d+) mm/s while the f", said(segmented(tmp_path, taught))
     )
     assert [float(speed) for speed in named] == [pytest.approx(188.0, abs=6.0)] * moving
 
@@ -256,7 +256,7 @@ def test_a_file_of_version_1_is_read_and_lacks_its_paths(tmp_path: Path) -> None
         del one["path"]
     old = tmp_path / "old.json"
     old.write_text(json.dumps(content))
-    assert "the path that was taught is not known" in said(old)
+    assert "the taught path is unknown" in said(old)
 
 
 def run_script(program: Path, tmp_path: Path) -> str:

@@ -169,7 +169,7 @@ def test_what_is_wrong_with_a_program_goes_before_what_a_cell_as_taught_lacks(pr
     done = caesura("execute", program, "--simulated")
     assert done.exit_code == 1
     assert "robot not stated: simulated on a Panda" in done.output
-    assert "app 2 (apply force): pulls on what it touches" in done.output
+    assert "app 2 (apply force): pulls on the touched surface" in done.output
     press["force"] = press["force_taught"] = [-9.0, 0.0, -9.0]
     program.write_text(json.dumps(content), encoding="utf-8")
     assert "surfaces of a cell as taught are level" in caesura("execute", program, "--simulated").output

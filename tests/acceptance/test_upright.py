@@ -303,7 +303,7 @@ def test_a_program_states_the_direction_and_one_without_is_still_read(program, t
 def test_check_compares_the_base_that_runs_a_program_with_the_taught_one(program):
     words = "was taught with -z of the base upwards"
     alone = caesura("check", program)
-    assert f"warning: program: {words}: run it on a base that is mounted so" in alone.output
+    assert f"warning: program: {words}: run it on a base with this mounting" in alone.output
     alike = caesura("check", program, "--up", "-z")
     assert words not in alike.output
     other = caesura("check", program, "--up", "z")
@@ -318,7 +318,7 @@ def test_the_script_of_a_universal_robot_sets_the_mounting(program, tmp_path):
     assert done.exit_code == 0, done.output
     script = (tmp_path / "a.script").read_text()
     assert "\n  set_gravity([0.000000, 0.000000, -9.820000])  # " in script
-    assert "# warning: was taught with -z of the base upwards: run it on a base that is mounted so" in script
+    assert "# warning: was taught with -z of the base upwards: run it on a base with this mounting" in script
     content = json.loads(program.read_text()) | {"up": None}
     (tmp_path / "upright.json").write_text(json.dumps(content))
     done = caesura(

@@ -587,7 +587,7 @@ def test_a_part_is_taught_again_and_replaced_at_its_app(stage: Stage, visitor: V
         expect(said).to_contain_text("replaced by session 'second'")
         expect(apps).to_have_count(len(taught) - 1 + len(second))
         expect(card.locator(".marks")).to_contain_text("taught again by Ann")
-        expect(card.locator(".findings")).to_contain_text("from where the app before it ends")
+        expect(card.locator(".findings")).to_contain_text("from the end of the app before it")
         visitor.picture("part-replaced-desktop")
         page.locator(".edits summary").click()
         expect(page.locator(".edits li")).to_contain_text("– Ann, applied")

@@ -90,12 +90,15 @@ def without(index: int) -> Callable[[Apps], Apps]:
         (lambda a: changed(a, 1, gripper_width=0.2), r"app 2 \(grasp\): gripper width 200 mm"),
         (lambda a: changed(a, 5, tn=100.0), r"app 6 .*duration 89.9 s, expected 0.1 to 60 s"),
         (lambda a: changed(a, 5, confidence=1.5), r"app 6 .*confidence 1.5"),
-        (lambda a: changed(a, 1, t0=0.0), r"app 2 .*begins at 0.00 s, before the app before it"),
+        (
+            lambda a: changed(a, 1, t0=0.0),
+            r"app 2 .*begins at 0.00 s, expected after the start of the app before it",
+        ),
         (
             lambda a: changed(a, 5, path=standing_still()),
             r"app 6 .*point at 10.1 s, expected after .* at 10.1 s",
         ),
-        (without(4), r"app 2 \(grasp\): grasps what is never released"),
+        (without(4), r"app 2 \(grasp\): grasps an object that is never released"),
         (
             lambda a: (*a[:3], a[1].model_copy(update={"t0": 5.8, "tn": 6.0}), *a[3:]),
             "holds something already",
@@ -216,7 +219,7 @@ def test_a_press_needs_a_contact_before_it_and_pushes_within_the_limit(robot: Ro
     assert str(warned).startswith(f"warning: {said}")
     with pytest.raises(RefusedError, match=re.escape(f"error: {said}")):
         execute(stronger, SimulatedCell(SCENARIOS["dispenser"], THESIS, 1))
-    assert "pulls on what it touches" in only(
+    assert "pulls on the touched surface" in only(
         check(changed(press(), 1, force=(0.0, 0.0, 8.0)), here, robot=robot)
     )
     deep = changed(press(), 1, target=(-0.02, -0.52, 0.12))
@@ -259,7 +262,7 @@ def test_a_contact_that_was_left_is_none(robot: Robot) -> None:
 def test_fingers_may_open_before_they_grip_but_not_let_go_of_nothing(robot: Robot) -> None:
     opened = app("gripper_move", 0.1, 0.2, gripper_width=0.08)
     assert check((opened, *pick_and_place()), robot=robot).passed
-    assert "releases what was never grasped" in only(check((opened, *press()), robot=robot))
+    assert "releases an object that was never grasped" in only(check((opened, *press()), robot=robot))
 
 
 def test_what_should_be_looked_at_is_a_warning_and_no_error(robot: Robot) -> None:
@@ -267,7 +270,10 @@ def test_what_should_be_looked_at_is_a_warning_and_no_error(robot: Robot) -> Non
     report = check(changed(press(), 2, confidence=0.3), cell("dispenser"), taught, robot)
     assert report.passed
     said = [str(one) for one in report.warnings if one.index is not None]
-    assert said[0] == "warning: app 2 (apply force): was not observed at 3.00–3.20 s: look at what it does"
+    assert (
+        said[0]
+        == "warning: app 2 (apply force): was not observed at 3.00–3.20 s: check its motion before a run"
+    )
     assert said[1].startswith("warning: app 3 (move): confidence 30 % is below 50 %")
 
 

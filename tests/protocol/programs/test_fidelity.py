@@ -49,8 +49,8 @@ def there(x: float) -> Vector:
 FIRST = move(0.0, there(0.1), there(0.2))
 SECOND = move(1.5, there(0.25), there(0.4))
 THIRD = move(2.5, there(0.4), there(0.6))
-STRAIGHT = "are in no app: the robot goes straight to where this app begins"
-TAUGHT = f"50 mm of way taught at 1.0–1.5 s {STRAIGHT}"
+STRAIGHT = "are in no app: the robot moves straight to the start of this app"
+TAUGHT = f"50 mm of motion taught at 1.0–1.5 s {STRAIGHT}"
 
 
 def test_motion_that_was_taught_between_two_neighbours_is_found_with_its_time():
@@ -83,14 +83,18 @@ def test_a_press_that_was_taught_off_the_straight_push_is_warned_of(off_m: float
     force = {"force": (0.0, 0.0, -8.0), "force_taught": (0.0, 0.0, -8.0)}
     met = FIRST.model_copy(update={"kind": "move_to_contact"})
     press = app("apply_force", 1.0, 1.4, there(0.2), off_straight_m=off_m, **force)
-    shown = [reason for _, reason in found(met, press) if "off the straight way" in reason]
+    shown = [reason for _, reason in found(met, press) if "off the straight line" in reason]
     assert [reason.split(" mm")[0].removeprefix("was taught up to ") for reason in shown] == said
 
 
 @pytest.mark.parametrize(
     ("deviation_m", "tolerance_m", "warned"),
     [
-        (0.0020039, 0.002, False),  # of a program at optimal speed: "by up to 2.0 mm, 2.0 mm were asked for"
+        (
+            0.0020039,
+            0.002,
+            False,
+        ),  # of a program at optimal speed: "by up to 2.0 mm, the tolerance is 2.0 mm"
         (0.001951, 0.001949, False),
         (0.0021, 0.002, True),
     ],
@@ -105,14 +109,14 @@ def test_a_deviation_is_warned_of_where_the_numbers_shown_differ(deviation_m, to
 def test_a_step_of_no_length_has_one_time():
     # A warning had "taught at 1.0–1.0 s".
     stepped = move(1.0, there(0.25), there(0.4))
-    assert found(FIRST, stepped) == [(1, f"50 mm of way taught at 1.0 s {STRAIGHT}")]
+    assert found(FIRST, stepped) == [(1, f"50 mm of motion taught at 1.0 s {STRAIGHT}")]
 
 
 def test_between_apps_in_another_order_nothing_is_said_to_be_taught():
     shown = found(changed(THIRD, *MOVED), FIRST, SECOND)
     assert [(index, reason.split(",")[0].split(" are ")[0]) for index, reason in shown] == [
-        (1, "begins 500.0 mm from where the app before it ends"),
-        (2, "50 mm of way taught at 2.0–2.5 s"),  # neighbours still, at their new times
+        (1, "begins 500.0 mm from the end of the app before it"),
+        (2, "50 mm of motion taught at 2.0–2.5 s"),  # neighbours still, at their new times
     ]
 
 
@@ -127,14 +131,14 @@ def test_over_a_deleted_app_nothing_is_said_to_be_taught():
     edit = ProgramEdit(number=1, author="Ann", at=0.0, action=DeleteApp(app=gone), state="applied")
     ((index, reason),) = found(FIRST, THIRD, edits=(edit,))
     assert index == 1
-    assert reason.startswith("begins 200.0 mm from where the app before it ends, because the way between")
+    assert reason.startswith("begins 200.0 mm from the end of the app before it, because the way between")
 
 
 def test_an_app_without_a_pose_does_not_hide_that_another_one_came_between():
     opening = app("gripper_move", 1.0, 1.0, gripper_width=0.08)
     shown = found(changed(THIRD, *MOVED), opening, move(1.0, there(0.2), there(0.4)))
     assert [reason.split(",")[0] for index, reason in shown if index == 2] == [
-        "begins 400.0 mm from where the app before it ends"
+        "begins 400.0 mm from the end of the app before it"
     ]
 
 
@@ -143,7 +147,7 @@ def test_where_a_target_was_edited_nothing_is_said_to_be_taught():
     begun = move(0.0, there(0.1), there(0.2))
     shown = found(changed(begun, target), move(1.0, there(0.25), there(0.4)))
     assert [reason.split(",")[0] for index, reason in shown if index == 1] == [
-        "begins 50.0 mm from where the app before it ends"
+        "begins 50.0 mm from the end of the app before it"
     ]
 
 
@@ -182,7 +186,7 @@ def test_a_rest_whose_force_was_cut_is_a_force_that_was_limited():
 def test_a_rest_that_was_hardly_pressed_is_named_where_a_robot_presses_harder():
     touch, stroke = pressed_harder_before()
     hardly = stroke.model_copy(update={"rest_before": RestForce(newton=1.0, newton_taught=0.26)})
-    harder = "presses harder than it was taught to: 10.0 N (1.0 N of 0.3 N taught before, 5.0 N after)"
+    harder = "presses harder than taught: 10.0 N (1.0 N of 0.3 N taught before, 5.0 N after)"
     assert harder in reasons((touch, hardly))
     assert not any("harder" in reason for reason in reasons((touch, stroke)))
 
@@ -193,8 +197,10 @@ def test_the_force_of_a_rest_that_has_no_time_is_named():
     assert reasons((touch, stroke)) == reasons((touch, stroke.model_copy(update={"rest_before": None})))
     said = reasons((touch, stroke.model_copy(update={"path": None})))
     assert said == [
-        "was taught with 12.0 N before its path, where it presses with 10.0 N: no path says how long",
-        "was taught with 5.0 N after its path, where it presses with 10.0 N: no path says how long",
+        "was taught with 12.0 N before its path, and presses with 10.0 N there: "
+        "without a path the duration of that force is unknown",
+        "was taught with 5.0 N after its path, and presses with 10.0 N there: "
+        "without a path the duration of that force is unknown",
     ]
     nearly = RestForce(newton=11.4, newton_taught=11.4)  # within 15 %
     even = stroke.model_copy(update={"path": None, "rest_before": nearly, "rest_after": None})
@@ -230,7 +236,7 @@ def test_a_drift_to_where_the_fingers_close_is_motion_in_no_app(off_m: float, wa
         app("grasp", 4.0, 6.0, there(0.2 + off_m), gripper_width=0.05),
     )
     where = "in no app: the robot does not move before this app"
-    said = f"{1000 * off_m:.0f} mm of way taught at 1.0–6.0 s are {where}"
+    said = f"{1000 * off_m:.0f} mm of motion taught at 1.0–6.0 s are {where}"
     assert [reason for index, reason in found(*apps) if "in no app" in reason] == [said] * warned
 
 
@@ -238,7 +244,7 @@ def test_a_drift_to_where_the_fingers_close_is_motion_in_no_app(off_m: float, wa
 def test_a_drift_in_a_rest_in_the_air_is_motion_in_no_app(rest_s: float, warned: bool):
     # A hand that was pulled aside by 8 mm within a rest of four seconds was in no app, without a word.
     apps = (move(0.0, there(0.1), there(0.2)), move(1.0 + rest_s, there(0.208), there(0.3)))
-    said = f"8 mm of way taught at 1.0–{1.0 + rest_s} s {STRAIGHT}"
+    said = f"8 mm of motion taught at 1.0–{1.0 + rest_s} s {STRAIGHT}"
     assert [reason for _, reason in found(*apps) if "in no app" in reason] == [said] * warned
 
 
@@ -272,7 +278,7 @@ def test_a_press_that_goes_on_until_the_fingers_open_is_not_lost(newton: float, 
 def test_the_force_of_what_is_pushed_is_not_controlled():
     pushed = move(0.0, there(0.1), there(0.2)).model_copy(update={"force_taught": (8.0, 0.0, 0.0)})
     said = [one for one in reasons((pushed,)) if "8.0 N" in one]
-    assert said == ["was taught against 8.0 N: it follows its path, and controls no force"]
+    assert said == ["was taught against 8.0 N: the robot follows the path, and controls no force"]
 
 
 def test_the_force_of_a_push_is_named_after_a_stronger_press_too():
@@ -300,9 +306,9 @@ def test_what_people_set_of_an_app_is_named_with_their_names():
     added = changed(
         leave, AppChange(field="added", author="Bo", edit=2), AppChange(field="name", author="Cy", edit=3)
     )
-    assert reasons((touch, harder)) == ["presses harder than it was taught to: 10.0 N of 6.0 N taught"]
-    assert "was not taught so: speed 50 % of the taught one by Ann" in reasons((FIRST, slow))
-    assert reasons((touch, pressed, added)) == ["was not taught so: added by Bo"]
+    assert reasons((touch, harder)) == ["presses harder than taught: 10.0 N of 6.0 N taught"]
+    assert "differs from the demonstration: speed 50 % of the taught one by Ann" in reasons((FIRST, slow))
+    assert reasons((touch, pressed, added)) == ["differs from the demonstration: added by Bo"]
 
 
 @pytest.mark.parametrize(
@@ -313,16 +319,16 @@ def test_a_value_that_a_document_marks_and_lacks_is_named_without_a_number(field
     """A check of a document with the mark of a speed and without the speed ended with a TypeError."""
     lacking = SECOND.model_copy(update={"path": None, "speed": None, "gripper_width": None})
     marked = changed(lacking, AppChange(field=field, author="Ann", edit=1))
-    assert f"was not taught so: {named} by Ann" in reasons((FIRST, marked))
+    assert f"differs from the demonstration: {named} by Ann" in reasons((FIRST, marked))
 
 
 @pytest.mark.parametrize(("weaker_n", "warned"), [(None, False), (9.5, False), (6.0, True)])
 def test_a_weaker_force_that_was_held_in_a_press_is_named(weaker_n: float | None, warned: bool):
     touch, pressed, _ = press()
-    said = "was taught with 6.0 N for a second or longer in all, where it presses with 10.0 N"
+    said = "presses with 10.0 N throughout, and was taught with 6.0 N for at least one second in total"
     found = reasons((touch, pressed.model_copy(update={"weaker_n": weaker_n})))
     assert [one for one in found if "was taught with" in one] == (
-        [f"{said}: teach each force as a press of its own"] * warned
+        [f"{said}: teach each force as a separate press"] * warned
     )
 
 
@@ -332,12 +338,12 @@ def test_a_stronger_force_in_a_press_is_named_unless_the_robot_exerts_it(
 ):
     touch, pressed, _ = press()
     peaked = pressed.model_copy(update={"stronger_n": stronger_n})
-    said = "was taught with up to 25.0 N for at least 0.2 s, where it presses with less"
-    assert [one for one in reasons((touch, peaked)) if "was taught with" in one] == (
-        [f"{said}: if the task needs that force, teach it as a press of its own"] * warned
+    said = "presses with less than the 25.0 N that were taught for at least 0.2 s"
+    assert [one for one in reasons((touch, peaked)) if "taught for at least" in one] == (
+        [f"{said}: if the task needs that force, teach it as a separate press"] * warned
     )
     edited = peaked.model_copy(update={"force": (0.0, 0.0, -25.0)})
-    assert not [one for one in reasons((touch, edited)) if "up to 25.0 N" in one]
+    assert not [one for one in reasons((touch, edited)) if "25.0 N" in one]
 
 
 def test_impacts_are_named_once_for_the_program_the_hardest_first():
@@ -354,13 +360,17 @@ def test_impacts_are_named_once_for_the_program_the_hardest_first():
     ("speed", "turn", "said"),
     [
         (None, None, []),
-        (0.234, None, ["at 7.5–9.8 s the flange moved with 234 mm/s as the fingers acted: the robot stops"]),
+        (
+            0.234,
+            None,
+            ["at 7.5–9.8 s the flange moved with 234 mm/s while the fingers moved: the robot stops for them"],
+        ),
         (
             0.1,
             1.0,
             [
-                "at 7.5–9.8 s the flange moved with 100 mm/s and turned with 57°/s as the fingers acted: "
-                "the robot stops"
+                "at 7.5–9.8 s the flange moved with 100 mm/s and turned with 57°/s while the fingers moved: "
+                "the robot stops for them"
             ],
         ),
     ],
@@ -368,7 +378,7 @@ def test_impacts_are_named_once_for_the_program_the_hardest_first():
 def test_fingers_that_acted_in_motion_are_named(speed: float | None, turn: float | None, said: list[str]):
     apps = list(pick_and_place())
     apps[4] = apps[4].model_copy(update={"moved_m_per_s": speed, "turned_rad_per_s": turn})
-    assert [one for one in reasons(tuple(apps)) if "the fingers acted" in one] == said
+    assert [one for one in reasons(tuple(apps)) if "the fingers moved" in one] == said
 
 
 @pytest.mark.parametrize(
@@ -380,7 +390,7 @@ def test_a_force_in_another_direction_that_was_held_in_a_press_is_named(
 ):
     touch, pressed, _ = press()
     found = reasons((touch, pressed.model_copy(update={"aslant": aslant})))
-    named = [one for one in found if f"for a second or longer that lean by {leans}° from the force" in one]
+    named = [one for one in found if f" N at {leans}° to it for at least one second: teach" in one]
     assert len(named) == (leans is not None)
 
 
@@ -401,14 +411,14 @@ def test_a_load_below_its_uncertainty_is_named_once_a_carry(second_kg: float, na
 def test_a_load_that_changes_in_the_hand_is_named(load_kg: float, named: bool):
     apps = list(pick_and_place())
     apps[3] = apps[3].model_copy(update={"load_kg": load_kg})
-    said = "carries 0.80 kg, and the app before 0.25 kg: what it holds must change as it was taught"
+    said = "carries 0.80 kg, and the app before 0.25 kg: the held object must change as when taught"
     assert (said in reasons(tuple(apps))) == named
 
 
 def test_an_orientation_that_was_not_recorded_is_named():
     # A script then kept whatever orientation the arm had, and a check said "0 warnings: can be run".
     apps = [one.model_copy(update={"orientation": None, "path": None}) for one in (FIRST, SECOND)]
-    unknown = "the orientation that was taught is not known: the robot keeps the one that it has"
+    unknown = "the taught orientation is unknown: the robot keeps its current one"
     assert (None, f"{unknown}; send qx qy qz qw, or the joints and --robot") in found(*apps)
     assert (1, unknown) in found(FIRST, apps[1])
     assert not any(unknown in reason for _, reason in found(FIRST, SECOND))

@@ -26,7 +26,7 @@ def test_a_path_that_begins_turned_is_refused_at_a_contact(degrees: float, is_re
         (one,) = found
         assert (one.severity, one.index) == ("error", 2)
         assert one.reason.startswith(
-            f"begins turned by {abs(degrees):.0f}° from where the app before it ends"
+            f"begins turned by {abs(degrees):.0f}° from the end of the app before it"
         )
         assert one.value == pytest.approx(abs(degrees), abs=1e-6)
         assert one.limit == pytest.approx(15.0)
@@ -74,8 +74,8 @@ def test_what_is_held_may_be_squeezed_and_the_grip_eased() -> None:
     apps = squeezed()
     squeeze, ease = order_findings(apps)
     assert [(one.severity, one.index) for one in (squeeze, ease)] == [("warning", 3), ("warning", 4)]
-    assert squeeze.reason.startswith("closes from 50 to 30 mm on what app 2 (grasp) holds")
-    assert ease.reason.startswith("opens from 30 to 50 mm and keeps what app 2 (grasp) holds")
+    assert squeeze.reason.startswith("closes from 50 to 30 mm on the object of app 2 (grasp)")
+    assert ease.reason.startswith("opens from 30 to 50 mm around the object of app 2 (grasp)")
     preconditions = [app.preconditions for app in as_file(apps).apps if app.kind == "grasp"]
     assert preconditions == [("not_holding",), ("holding",), ("holding",)]
 

@@ -16,7 +16,7 @@ from caesura_protocol.robots import GripperDescription, GripperError, gripper, g
 from harness.programs import app, as_file, pick_and_place, press
 
 NO_ROBOT = "reach was not checked"
-OPEN = "no app opens the fingers before"
+OPEN = "no app opens the fingers before this one"
 
 
 def found(name: str, safety: Safety | None = None) -> list[str]:
@@ -29,9 +29,7 @@ def test_fingers_that_no_app_opens_before_they_close_are_named():
     # Nothing said that a program which begins with closed fingers ends at its first contact.
     report = check(pick_and_place(), Cell(Safety()), gripper=gripper("franka_hand"))
     (said,) = [str(one) for one in report.findings if OPEN in str(one)]
-    assert (
-        said == f"warning: app 2 (grasp): {OPEN}: have them open by more than 50 mm when the program begins"
-    )
+    assert said == f"warning: app 2 (grasp): {OPEN}: open them by more than 50 mm before the program starts"
     opened = (app("gripper_move", 0.0, 0.2, gripper_width=0.08), *pick_and_place())
     assert not [one for one in gripper_findings(opened, Safety(), gripper("franka_hand")) if OPEN in str(one)]
     assert not [
@@ -86,9 +84,9 @@ def test_the_check_compares_widths_with_the_gripper():
 
 
 def test_the_check_warns_of_a_gripper_that_does_not_say_whether_it_holds_anything():
-    said = "app 2 (grasp): a Suction cup at digital output 0 does not say whether it holds anything"
+    said = "app 2 (grasp): a Suction cup at digital output 0 does not report whether it holds an object"
     assert any(said in one for one in found("suction"))
-    assert not any("does not say" in one for one in found("xarm_vacuum"))
+    assert not any("does not report" in one for one in found("xarm_vacuum"))
 
 
 def test_the_check_names_what_is_assumed_where_no_width_is_stated():
@@ -102,7 +100,7 @@ def test_the_check_names_what_is_assumed_where_no_width_is_stated():
         for name in ("franka_hand", "suction")
     }
     assert "app 2 (grasp): no gripper width is stated: 0 mm is assumed, and the" in words["franka_hand"]
-    assert "is stated: the fingers open to 80 mm, as far as they go; change its" in words["franka_hand"]
+    assert "is stated: the fingers open to their limit, 80 mm; change its" in words["franka_hand"]
     assert "no gripper width" not in words["suction"]
 
 

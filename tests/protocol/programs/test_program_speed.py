@@ -114,7 +114,7 @@ def test_the_pauses_that_a_faster_program_leaves_out_are_named() -> None:
     # A pause of 12 s, in which glue set, was gone from an optimal program, and no finding named it.
     fast = retimed(taught(), {}, "optimal", lambda index, taught_s: 0.0)
     said = [one.reason for one in timing_findings(fast.timing)]
-    assert said[1:] == ["pauses that were taught are left out: 0.5 s before app 3; --keep-pause 3 keeps one"]
+    assert said[1:] == ["taught pauses are left out: 0.5 s before app 3; to keep one: --keep-pause 3"]
     half = retimed(taught(), {}, "optimal", lambda index, taught_s: 0.2 * taught_s)
     assert "0.5 s before app 3 (0.1 s now)" in [one.reason for one in timing_findings(half.timing)][1]
     kept = retimed(taught(), {}, "optimal", lambda index, taught_s: 0.0, keeps_pause=[2])
@@ -128,5 +128,5 @@ def test_of_many_pauses_that_are_left_out_the_longest_are_named() -> None:
     timing = ProgramTiming(speed="optimal", shorter_pauses=pauses)
     (_, said) = timing_findings(timing)
     assert "19.9 s before app 197, 20.0 s before app 198" in said.reason
-    assert said.reason.endswith("20.3 s before app 201 and 195 shorter ones; --keep-pause 201 keeps one")
+    assert said.reason.endswith("20.3 s before app 201 and 195 shorter ones; to keep one: --keep-pause 201")
     assert len(said.reason) < 250

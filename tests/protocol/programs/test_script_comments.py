@@ -82,7 +82,7 @@ def test_a_finding_is_one_line_of_comment(write: Writer, robot: str, gripper: st
     noted = wrench(stated=True, contact_models=False, note="first\nimport os")
     lines = write(program.model_copy(update={"wrench": noted})).splitlines()
     assert [line for line in lines if "import os" in line] == [
-        "# warning: contacts were not looked for. first import os"
+        "# warning: contacts were not searched for. first import os"
     ]
 
 
@@ -109,7 +109,7 @@ def test_a_urscript_is_plain_ascii():
     touch, *rest = grasped_with_a_press()
     off = path_from((-0.014, -0.673, 0.3), touch.t0, touch.tn, 0.2).model_copy(update={"deviation_rad": 0.1})
     text = ur_script(on_robot((touch.model_copy(update={"path": off}), *rest), "ur5e", "robotiq_2f_85"))
-    assert "# warning: deviates by up to 5.7 degrees from the orientations taught, 1.1 degrees were" in text
+    assert "# warning: deviates by up to 5.7 degrees from the taught orientations, the tolerance is" in text
     assert text.isascii()
 
 

@@ -131,7 +131,7 @@ def test_a_program_that_begins_in_contact_is_named_once_with_its_cause_and_what_
     later = stroke.model_copy(update={"t0": stroke.t0 + 5.0, "tn": stroke.tn + 5.0, "path": None})
     (found,) = order_findings((stroke, later))
     assert found.index == 0
-    cause = "The recording began in contact, or an edit left out the way there"
+    cause = "The recording began in contact, or an edit removed the motion there"
     assert (
         f"{cause}: teach it again from free space, or insert such an app with target (-20, -520, 190) mm"
         in (found.reason)
@@ -164,7 +164,9 @@ def test_a_press_that_pulls_is_refused(write: Callable[[ProgramFile], str]):
     # The scripts were written, without a word: the arm was to pull away with the force of the press.
     touch, pressed, away = press()
     up = pressed.model_copy(update={"force": (0.0, 0.0, 9.0)})
-    with pytest.raises(ValueError, match=r"app 2 .apply force.: pulls on what it touches: its force points"):
+    with pytest.raises(
+        ValueError, match=r"app 2 .apply force.: pulls on the touched surface: its force points"
+    ):
         write(as_file((touch, up, away)))
 
 
@@ -182,7 +184,7 @@ def test_why_a_press_may_pull_is_said_once():
     touch, pressed, away = press()
     up = pressed.model_copy(update={"force": (0.0, 0.0, 9.0)})
     first, second = (one.reason for one in order_findings((touch, up, up, away)))
-    assert second == "pulls on what it touches: its force points away from the tool"
+    assert second == "pulls on the touched surface: its force points away from the tool"
     assert first.startswith(f"{second}. Was the force recorded in the base frame")
 
 

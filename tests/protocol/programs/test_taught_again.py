@@ -40,8 +40,8 @@ def test_a_part_that_meets_its_neighbours_within_the_tolerance_has_no_finding():
 def test_a_part_that_does_not_meet_its_neighbours_is_found_at_both_ends_with_the_distance():
     shown = found(move(0.0, A, B), again(1.0, beside(B, 0.004), C), move(2.0, beside(C, 0.0125), D))
     assert [(index, reason.split(",")[0]) for index, reason in shown] == [
-        (1, "begins 4.0 mm from where the app before it ends"),
-        (2, "begins 12.5 mm from where the app before it ends"),
+        (1, "begins 4.0 mm from the end of the app before it"),
+        (2, "begins 12.5 mm from the end of the app before it"),
     ]
 
 

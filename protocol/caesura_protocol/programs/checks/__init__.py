@@ -62,7 +62,9 @@ def group_findings(program: ProgramFile) -> Iterator[Finding]:
     shown = groups_by_first(program.groups, len(program.apps)).values()
     for group in program.groups:
         if group not in shown:
-            reason = f"group {group.heading} is not shown: it goes past the last app, or into another group"
+            reason = (
+                f"group {group.heading} is not shown: it has apps of another group, or ones that do not exist"
+            )
             yield Finding("warning", None, None, reason)
 
 

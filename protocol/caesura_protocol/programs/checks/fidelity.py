@@ -121,7 +121,7 @@ def _edited(app: App) -> Iterator[Reason]:
     marks = [mark for mark in app.changes if mark.field in EDITED]
     set_by = ", ".join(f"{EDITED[mark.field](app)} by {mark.author}" for mark in marks)
     if set_by:
-        yield f"was not taught so: {set_by}", None, None
+        yield f"differs from the demonstration: {set_by}", None, None
 
 
 Reason = tuple[str, float | None, float | None]  # with value and limit
@@ -134,15 +134,15 @@ def _path_deviation(app: App) -> Iterator[Reason]:
         return
     if reads_above(1000 * path.deviation_m, 1000 * path.tolerance_m, 1):
         yield (
-            f"deviates by up to {fixed(1000 * path.deviation_m, 1)} mm from the path that was taught, "
-            f"{fixed(1000 * path.tolerance_m, 1)} mm were asked for",
+            f"deviates by up to {fixed(1000 * path.deviation_m, 1)} mm from the taught path, "
+            f"the tolerance is {fixed(1000 * path.tolerance_m, 1)} mm",
             path.deviation_m,
             path.tolerance_m,
         )
     if reads_above(math.degrees(path.deviation_rad), math.degrees(path.tolerance_rad), 1):
         yield (
-            f"deviates by up to {fixed(math.degrees(path.deviation_rad), 1)}° from the orientations taught, "
-            f"{fixed(math.degrees(path.tolerance_rad), 1)}° were asked for",
+            f"deviates by up to {fixed(math.degrees(path.deviation_rad), 1)}° from the taught orientations, "
+            f"the tolerance is {fixed(math.degrees(path.tolerance_rad), 1)}°",
             path.deviation_rad,
             path.tolerance_rad,
         )
@@ -153,8 +153,8 @@ def _winding_press(app: App) -> Iterator[Reason]:
     off = app.off_straight_m
     if off is not None and reads_above(1000 * off, 1000 * SWAYED_M, 1):
         yield (
-            f"was taught up to {fixed(1000 * off, 1)} mm off the straight way to its target, on which the "
-            f"robot pushes; a press sways by at most {1000 * SWAYED_M:g} mm",
+            f"was taught up to {fixed(1000 * off, 1)} mm off the straight line to its target, expected at "
+            f"most {1000 * SWAYED_M:g} mm: the robot pushes along that line",
             off,
             SWAYED_M,
         )
@@ -179,7 +179,7 @@ def _motion_before(pose: ViaPoint | None, app: App, before: App) -> Iterator[Rea
     start = _start_of(app) if app.path is not None or app.kind in GRIPS else None
     if pose is None or start is None:
         return
-    seen, then = start.t, "the robot goes straight to where this app begins"
+    seen, then = start.t, "the robot moves straight to the start of this app"
     if app.path is None:
         seen, then = app.tn, "the robot does not move before this app"
     when = f"{interval(min(pose.t, seen), seen, 1)} s"
@@ -187,7 +187,7 @@ def _motion_before(pose: ViaPoint | None, app: App, before: App) -> Iterator[Rea
     touches = APP_KINDS[app.kind].presses or APP_KINDS[before.kind].presses or ends_in_contact(before, app)
     least = STEPPED_M if touches or seen - pose.t < RESTED_S else DRIFTED_M
     if moved > least:
-        reason = f"{fixed(1000 * moved, 0)} mm of way taught at {when} are in no app: {then}"
+        reason = f"{fixed(1000 * moved, 0)} mm of motion taught at {when} are in no app: {then}"
         yield (reason, moved, least)
     turned = _orientation_change(pose, start)
     if has_turned(turned):
@@ -221,8 +221,8 @@ def _off_object(pose: ViaPoint | None, app: App) -> Reason | None:
     if off <= GRIP_REACH_M:
         return None
     reason = (
-        f"grasps {fixed(1000 * off, 0)} mm from where it was taught to, "
-        f"at most {1000 * GRIP_REACH_M:.0f} mm: insert a move to {in_mm(app.target)} before it"
+        f"grasps {fixed(1000 * off, 0)} mm from the taught place, "
+        f"expected at most {1000 * GRIP_REACH_M:.0f} mm: insert a move to {in_mm(app.target)} before it"
     )
     return reason, off, GRIP_REACH_M
 
@@ -239,7 +239,7 @@ def _seam(pose: ViaPoint | None, app: App, why: str) -> Iterator[Reason]:
     off = math.dist(start.position, pose.position)
     if reads_above(1000 * off, 1000 * tolerance_m, 1):
         yield (
-            f"begins {fixed(1000 * off, 1)} mm from where the app before it ends, because {why}: "
+            f"begins {fixed(1000 * off, 1)} mm from the end of the app before it, because {why}: "
             f"insert a move to {in_mm(start.position)} before it, or teach it again from there",
             off,
             tolerance_m,
@@ -249,8 +249,8 @@ def _seam(pose: ViaPoint | None, app: App, why: str) -> Iterator[Reason]:
     degrees = math.degrees(turned)
     if reads_above(degrees, math.degrees(tolerance_rad), 1):
         yield (
-            f"begins turned by {degrees:.1f}° from the app before it, because {why}: "
-            "teach one of the two again as the other one is turned",
+            f"begins turned by {degrees:.1f}° from the end of the app before it, because {why}: "
+            "teach one of the two again with the orientation of the other",
             turned,
             tolerance_rad,
         )
@@ -277,21 +277,21 @@ def _force_limits(app: App) -> Iterator[Reason]:
         yield (f"force limited: {force_in_words(app)}", hardest.newton_taught, hardest.newton)
     raised = next((force for force in forces if force.is_raised), None)
     if raised is not None:
-        reason = f"presses harder than it was taught to: {force_in_words(app)}"
+        reason = f"presses harder than taught: {force_in_words(app)}"
         yield (reason, raised.newton, raised.newton_taught)
     yield from _lost_rests(app)
     exerted = 0.0 if app.force is None else math.hypot(*app.force)
     if app.weaker_n is not None and exerted > app.weaker_n * (1.0 + UNEVEN_SHARE):
         reason = (
-            f"was taught with {fixed(app.weaker_n, 1)} N for a second or longer in all, where it presses "
-            f"with {fixed(exerted, 1)} N: teach each force as a press of its own"
+            f"presses with {fixed(exerted, 1)} N throughout, and was taught with {fixed(app.weaker_n, 1)} N "
+            "for at least one second in total: teach each force as a separate press"
         )
         yield reason, exerted, app.weaker_n
     least = min((force.newton for force in forces), default=math.inf)
     if app.stronger_n is not None and app.stronger_n > least * (1.0 + UNEVEN_SHARE):
         reason = (
-            f"was taught with up to {fixed(app.stronger_n, 1)} N for at least 0.2 s, where it presses with "
-            "less: if the task needs that force, teach it as a press of its own"
+            f"presses with less than the {fixed(app.stronger_n, 1)} N that were taught for at least 0.2 s: "
+            "if the task needs that force, teach it as a separate press"
         )
         yield reason, app.stronger_n, least
     held = 0.0 if app.aslant is None else math.hypot(*app.aslant)
@@ -299,8 +299,8 @@ def _force_limits(app: App) -> Iterator[Reason]:
         cosine = sum(map(operator.mul, app.aslant, app.force)) / (held * exerted)
         leans = math.degrees(math.acos(min(max(cosine, -1.0), 1.0)))
         reason = (
-            f"was taught with {fixed(held, 1)} N for a second or longer that lean by {fixed(leans, 0)}° from "
-            "the force with which it presses: teach each force as a press of its own"
+            f"presses in one direction, and was taught with {fixed(held, 1)} N at {fixed(leans, 0)}° to it "
+            "for at least one second: teach each force as a separate press"
         )
         yield reason, held, exerted
     if APP_KINDS[app.kind].presses and app.screw is not None and app.screw.torque is None:
@@ -335,7 +335,7 @@ def _changed_load(app: App, carried: App | None) -> Iterator[Reason]:
         app.load_sd_kg or 0.0, carried.load_sd_kg or 0.0
     ):
         was, now = fixed(carried.load_kg, 2), fixed(app.load_kg, 2)
-        reason = f"carries {now} kg, and the app before {was} kg: what it holds must change as it was taught"
+        reason = f"carries {now} kg, and the app before {was} kg: the held object must change as when taught"
         yield reason, app.load_kg, carried.load_kg
 
 
@@ -346,7 +346,11 @@ def _lost_motion(app: App) -> Iterator[Reason]:
     parts += [] if turn is None else [f"turned with {fixed(math.degrees(turn), 0)}°/s"]
     if parts:
         when = f"at {interval(app.t0, app.tn, 1)} s"
-        yield f"{when} the flange {' and '.join(parts)} as the fingers acted: the robot stops", speed, None
+        yield (
+            f"{when} the flange {' and '.join(parts)} while the fingers moved: the robot stops for them",
+            speed,
+            None,
+        )
 
 
 def _lost_press(app: App, before: App | None, up: Vector) -> Iterator[Reason]:
@@ -359,7 +363,9 @@ def _lost_press(app: App, before: App | None, up: Vector) -> Iterator[Reason]:
         return
     newtons = float(np.linalg.norm(app.force_taught))
     if is_resisted(app):
-        against = f"was taught against {fixed(newtons, 1)} N: it follows its path, and controls no force"
+        against = (
+            f"was taught against {fixed(newtons, 1)} N: the robot follows the path, and controls no force"
+        )
         yield against, newtons, None
         return
     if before is not None and APP_KINDS[before.kind].presses and before.force is not None:
@@ -412,8 +418,8 @@ def _lost_rests(app: App) -> Iterator[Reason]:
     ):
         if rest is not None and seconds <= 0.0 and abs(rest.newton - newtons) > UNEVEN_SHARE * newtons:
             reason = (
-                f"was taught with {fixed(rest.newton, 1)} N {when} its path, where it presses with "
-                f"{fixed(newtons, 1)} N: no path says how long"
+                f"was taught with {fixed(rest.newton, 1)} N {when} its path, and presses with "
+                f"{fixed(newtons, 1)} N there: without a path the duration of that force is unknown"
             )
             yield (reason, rest.newton, newtons)
 
@@ -422,7 +428,7 @@ def _gaps_within(app: App, gaps: Sequence[Gap]) -> Iterator[Reason]:
     for gap in gaps:
         if gap.t0 < app.tn and app.t0 < gap.tn:
             yield (
-                f"was not observed at {interval(gap.t0, gap.tn, 2)} s: look at what it does",
+                f"was not observed at {interval(gap.t0, gap.tn, 2)} s: check its motion before a run",
                 None,
                 None,
             )
@@ -436,7 +442,7 @@ def _wrench_findings(quality: DemonstrationQuality) -> Iterator[Finding]:
         reason = f"wrench source {wrench.source} is assumed: state it with --wrench-source"
         yield Finding("warning", None, None, reason)
     if not wrench.contact_models:
-        reason = f"contacts were not looked for. {wrench.note}"
+        reason = f"contacts were not searched for. {wrench.note}"
         yield Finding("warning", None, None, reason)
     elif wrench.tare is None:
         said = wrench.note  # on the source, and on the tare
@@ -457,7 +463,7 @@ def _missing_paths(apps: Sequence[App]) -> Iterator[Finding]:
     taught = [(index, app) for index, app in enumerate(apps) if app.added is None]
     moving = [(index, app) for index, app in taught if APP_KINDS[app.kind].travels]
     without = [(index, app) for index, app in moving if app.path is None]
-    reason = "the path that was taught is not known: straight to the target"
+    reason = "the taught path is unknown: the robot moves straight to the target"
     if moving and len(without) == len(moving):
         yield Finding("warning", None, None, f"{reason} (a file of version 1 has no paths)")
         return
@@ -471,7 +477,7 @@ def _missing_orientations(apps: Sequence[App]) -> Iterator[Finding]:
         (index, app) for index, app in enumerate(apps) if APP_KINDS[app.kind].travels and app.added is None
     ]
     without = [(index, app) for index, app in moving if app.orientation is None]
-    reason = "the orientation that was taught is not known: the robot keeps the one that it has"
+    reason = "the taught orientation is unknown: the robot keeps its current one"
     if moving and len(without) == len(moving):
         yield Finding("warning", None, None, f"{reason}; send qx qy qz qw, or the joints and --robot")
         return

@@ -10,8 +10,8 @@ from caesura_protocol.programs.safety import Safety
 from caesura_protocol.robots import GripperDescription
 
 ASSUMED = {
-    "gripper_move": "the fingers open to {widest_mm:g} mm, as far as they go",
-    "grasp": "0 mm is assumed, and the fingers close until they hold",
+    "gripper_move": "the fingers open to their limit, {widest_mm:g} mm",
+    "grasp": "0 mm is assumed, and the fingers close until they hold an object",
 }
 
 
@@ -52,8 +52,8 @@ def _unseen_losses(apps: Sequence[App], gripper: GripperDescription) -> Iterator
         return
     for index, app in enumerate(apps):
         if app.kind == "grasp":
-            silent = f"a {gripper.title} does not say whether it holds anything"
-            reason = f"{silent}: the program goes on where it has lost it"
+            silent = f"a {gripper.title} does not report whether it holds an object"
+            reason = f"{silent}: the program continues if the object is lost"
             yield Finding("warning", index, app.kind, reason, None, None)
 
 
@@ -87,5 +87,5 @@ def _unopened(apps: Sequence[App], gripper: GripperDescription) -> Iterator[Find
         return
     width = apps[first].gripper_width
     wide = "" if width is None else f" by more than {1000 * width:.0f} mm"
-    reason = f"no app opens the fingers before: have them open{wide} when the program begins"
+    reason = f"no app opens the fingers before this one: open them{wide} before the program starts"
     yield Finding("warning", first, "grasp", reason, None, width)

@@ -25,13 +25,13 @@ def mounting_findings(taught: Vector | None, runs: Vector | None = None) -> list
     if runs is None:
         if tilt_between(taught, UP) <= APART_RAD:
             return []
-        remedy = "run it on a base that is mounted so, and set this mounting in its controller"
+        remedy = "run it on a base with this mounting, and set the mounting in its controller"
         return [Finding("warning", None, None, f"{words}: {remedy}")]
     apart, limit = math.degrees(tilt_between(taught, runs)), math.degrees(APART_RAD)
     if apart <= limit:
         return []
     reason = (
         f"{words}, and the base that runs it has {up_in_words(runs)} upwards, {fixed(apart, 0)}° apart, "
-        f"expected at most {fixed(limit, 0)}°: a load weighs in another direction. Teach it on that base"
+        f"expected at most {fixed(limit, 0)}°: gravity acts in another direction. Teach it on that base"
     )
     return [Finding("error", None, None, reason, apart, limit)]

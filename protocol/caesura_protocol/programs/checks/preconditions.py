@@ -18,11 +18,11 @@ from caesura_protocol.programs.program_gripper import SHUT_M
 from caesura_protocol.rotations import angle_between
 from caesura_protocol.set_downs import ends_in_contact, is_resisted
 
-PULLS = "pulls on what it touches: its force points away from the tool"
+PULLS = "pulls on the touched surface: its force points away from the tool"
 WHY_IT_PULLS = (
     ". Was the force recorded in the base frame, as the environment's on the robot? If not, state "
     "force_frame in the recording or --force-frame, or negate the force. Did the recording begin in contact? "
-    "Then its first force counted as 0: teach it again from free space"
+    "Then its first force was taken as zero: teach it again from free space"
 )
 UNHELD = "carries, but nothing was grasped: an app 'grasp' must come before it"
 WHY_UNHELD = (
@@ -65,7 +65,7 @@ def order_findings(apps: Sequence[App]) -> list[Finding]:
         touching = stays or ends_in_contact(app, following) or is_resisted(app)
         moved = moved or facts.travels
     if after is not None:
-        reason = "grasps what is never released: an app 'move gripper' must follow"
+        reason = "grasps an object that is never released: an app 'move gripper' must follow"
         found.append(Finding("error", after.last, apps[after.last].kind, reason))
     return found
 
@@ -79,9 +79,9 @@ def _regrip(index: int, apps: Sequence[App], held: HeldGrasps) -> Finding:
         return Finding("error", index, app.kind, reason)
     widths = f"from {1000 * last.gripper_width:.0f} to {1000 * app.gripper_width:.0f} mm"
     if eases(app, last):
-        reason = f"opens {widths} and keeps what {holder} holds: it falls if it is narrower"
+        reason = f"opens {widths} around the object of {holder}: a narrower object falls"
     else:
-        reason = f"closes {widths} on what {holder} holds, with the grasp force of the cell"
+        reason = f"closes {widths} on the object of {holder}, with the grasp force of the cell"
         carried = (one.load_kg or 0.0 for one in apps[held.first : index])
         reason += "" if any(carried) else ". If that grasp holds nothing, make it a 'move gripper'"
     return Finding("warning", index, app.kind, reason)
@@ -111,7 +111,7 @@ def _turned(before: App, app: App) -> float:
 def _turned_at_contact(index: int, app: App, turned: float) -> Finding:
     found, limit = math.degrees(turned), math.degrees(TURN_AT_CONTACT_RAD)
     reason = (
-        f"begins turned by {fixed(found, 0)}° from where the app before it ends, in contact, expected at "
+        f"begins turned by {fixed(found, 0)}° from the end of the app before it, in contact, expected at "
         f"most {fixed(limit, 0)}°: teach it again, or insert a move away from the surface before it"
     )
     return Finding("error", index, app.kind, reason, found, limit)
@@ -122,14 +122,14 @@ def _begins_in_contact(app: App) -> str:
     begins = app.target if app.path is None else app.path.start.position
     there = "" if begins is None else f" with target {in_mm(begins)}"
     return (
-        ". The recording began in contact, or an edit left out the way there: "
+        ". The recording began in contact, or an edit removed the motion there: "
         f"teach it again from free space, or insert such an app{there}"
     )
 
 
 def _begins_at(app: App) -> str:
     """Return text on the place of the arm before a program that begins with a grasp."""
-    there = "where it was taught" if app.target is None else f"{in_mm(app.target)} (flange)"
+    there = "the taught place" if app.target is None else f"{in_mm(app.target)} (flange)"
     return (
         f"grasps before anything moves: bring the arm to {there} first, or insert a move to there before it"
     )
@@ -148,7 +148,7 @@ def _violations(app: App, *, touching: bool, holds: bool, empties: bool) -> str 
     if APP_KINDS[app.kind].presses and not touching:
         return "presses without a contact: an app 'move to contact' must come before it"
     if app.kind == "gripper_move" and not holds and not empties:
-        return "releases what was never grasped: an app 'grasp' must come before it"
+        return "releases an object that was never grasped: an app 'grasp' must come before it"
     if APP_KINDS[app.kind].carries and not holds:
         return UNHELD
     return None

@@ -44,6 +44,6 @@ def _left_out(shorter: Sequence[ShorterPause]) -> Finding:
     )
     rest = len(shorter) - len(longest)
     more = f" and {rest} shorter ones" if rest else ""
-    keeps = f"--keep-pause {longest[-1].app + 1} keeps one"
-    reason = f"pauses that were taught are left out: {pauses}{more}; {keeps}"
+    keeps = f"to keep one: --keep-pause {longest[-1].app + 1}"
+    reason = f"taught pauses are left out: {pauses}{more}; {keeps}"
     return Finding("warning", None, None, reason, longest[-1].taught_s, longest[-1].seconds)

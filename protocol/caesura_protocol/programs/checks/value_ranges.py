@@ -76,7 +76,8 @@ def value_findings(apps: Sequence[App], safety: Safety) -> list[Finding]:
         ]
     for index, (before, app) in enumerate(pairwise(apps), start=1):
         if app.t0 < before.t0:
-            reason = f"begins at {fixed(app.t0, 2)} s, before the app before it at {fixed(before.t0, 2)} s"
+            earlier = f"expected after the start of the app before it, {fixed(before.t0, 2)} s"
+            reason = f"begins at {fixed(app.t0, 2)} s, {earlier}"
             found.append(Finding("error", index, app.kind, reason, app.t0, before.t0))
     return [*found, *(beyond_stop(apps, safety) if are_numbers_finite(apps) else ())]
 
@@ -166,7 +167,7 @@ def _out_of_range(index: int, app: App, safety: Safety) -> Iterator[Finding]:
     yield from _beyond(index, app, (*_ranges(app, safety), *_press_ranges(app, safety)))
     if reads_above(safety.least_confidence, app.confidence, 2):
         percent, least = 100.0 * app.confidence, 100.0 * safety.least_confidence
-        reason = f"confidence {percent:.0f} % is below {least:g} %: look at it first"
+        reason = f"confidence {percent:.0f} % is below {least:g} %: check this app before a run"
         yield Finding("warning", index, app.kind, reason, app.confidence, safety.least_confidence)
 
 
@@ -247,8 +248,8 @@ def beyond_stop(apps: Sequence[App], safety: Safety) -> Iterator[Finding]:
         if force is not None and force.newton > most + FORCE_TOLERANCE_N:
             reason = (
                 f"{_name_of(force)} {fixed(force.newton, 1)} N is above {fixed(most, 1)} N: the robot is "
-                f"stopped at {stops:g} N (felt_force_n), so it does not begin. Raise that with --cell, or "
-                "limit the force with --force-limit"
+                f"stopped at {stops:g} N (felt_force_n), so this app is not started. Raise that "
+                "with --cell, or limit the force with --force-limit"
             )
             yield Finding("warning", index, app.kind, reason, force.newton, most)
 

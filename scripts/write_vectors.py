@@ -263,7 +263,7 @@ def examples() -> dict[str, Message]:
     hint = Hint(
         kind="hand_in_wrench",
         since=11.5,
-        text="A hand drives the sensor: 8 N along the movement (limit 5.4 N).",
+        text="The sensor measures the hand: 8 N along the movement.",
         advice="Hold the robot behind the sensor, or state wrench source flange_sensor_with_hand.",
     )
     program_edit = ProgramEdit(
@@ -289,7 +289,7 @@ def examples() -> dict[str, Message]:
         since=5.25,
         until=12.5,
         text="Nothing was recorded from 5.0 to 5.2 s.",
-        advice="Show the part from 5.0 to 5.2 s again.",
+        advice="Teach the part from 5.0 to 5.2 s again.",
         t0=5.0,
         tn=5.25,
     )

@@ -212,9 +212,9 @@ def there_and_back(t0: float, tn: float) -> Array:
     ("up_m", "turn", "named"),
     [
         (0.004 * there_and_back(4.8, 5.8), None, []),
-        (0.03 * there_and_back(5.0, 5.4), None, ["30.2 mm off the straight way and back at 5.1–5.3 s"]),
-        (0.008 * there_and_back(4.0, 6.8), None, ["8.0 mm off the straight way and back at 4.8–6.0 s"]),
-        (None, math.radians(4.5) * there_and_back(4.8, 5.8), ["4.5° off the straight way and back"]),
+        (0.03 * there_and_back(5.0, 5.4), None, ["30.2 mm off the straight line and back at 5.1–5.3 s"]),
+        (0.008 * there_and_back(4.0, 6.8), None, ["8.0 mm off the straight line and back at 4.8–6.0 s"]),
+        (None, math.radians(4.5) * there_and_back(4.8, 5.8), ["4.5° off the straight line and back"]),
         (None, math.radians(1.5) * eased(4.5, 5.5), []),
         (None, math.radians(2.4) * eased(4.5, 5.5), ["rotation of 2.4° taught at 3"]),
         (None, math.radians(2.4) * eased(9.0, 9.6), ["2.4° at 8", "after the path of the last app"]),

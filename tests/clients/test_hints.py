@@ -71,12 +71,12 @@ def test_each_hint_is_raised_and_cleared_once():
 def test_a_hint_that_asks_for_something_else_is_updated():
     changes = HintChanges()
     pause = hint("uncertain_boundary", 2.0)
-    again = pause.model_copy(update={"advice": "Show the part again."})
+    again = pause.model_copy(update={"advice": "Teach the part again."})
     assert said(changes, update(pause)) == [("raised", "uncertain_boundary", 1)]
     (change,) = changes.receive(update(again))
     assert (change.event, change.active) == ("updated", 1)
     assert hint_line(change) == (
-        "cell-1/s1 2.00 updated uncertain_boundary uncertain_boundary found. Show the part again."
+        "cell-1/s1 2.00 updated uncertain_boundary uncertain_boundary found. Teach the part again."
     )
     reworded = again.model_copy(update={"text": "Otherwise said."})
     assert said(changes, update(reworded)) == []

@@ -196,14 +196,14 @@ def test_a_hint_names_times_as_the_table_shows_them(view, stations):
         kind="show_again",
         since=1.7e9,
         text="The boundary at 1700000004.0 s stayed unclear.",
-        advice="Show the part from 1700000003.0 to 1700000005.5 s again.",
+        advice="Teach the part from 1700000003.0 to 1700000005.5 s again.",
     )
     for number in range(stations):
         taught = update(*["motion"] * 9, station=f"cell-{number}", t=1.7e9 + 9.0)
         first = taught.segments[0].model_copy(update={"t0": 1.7e9})
         view.receive(replace(taught, hints=(hint,), segments=(first, *taught.segments[1:])))
     shown = drawn(view, height=24, width=100)
-    assert [line for line in shown if "Show the part from 3.0 to 5.5 s again." in line]
+    assert [line for line in shown if "Teach the part from 3.0 to 5.5 s again." in line]
     assert stations == 1 or [line for line in shown if line.split()[2:4] == ["open", "9.0"]]
     assert not [line for line in shown if "! " in line and "17000000" in line]
 

@@ -37,7 +37,7 @@ WATCH_OVER = """() => {
   const whole = { subtree: true, childList: true, attributes: true, characterData: true };
   new MutationObserver(look).observe(document.querySelector(".hints"), whole);
 }"""
-HAND = "A hand drives the sensor: 8 N along the movement (limit 5.4 N)."
+HAND = "The sensor measures the hand: 8 N along the movement."
 
 
 def hint(kind: HintKind, since: float, text: str, advice: str, until: float | None = None) -> Hint:
@@ -61,7 +61,7 @@ def test_the_newest_active_hint_comes_first_and_none_of_a_session_that_is_over(u
 
 
 def test_a_part_to_show_again_links_to_the_program_in_which_it_is_replaced(update):
-    part = hint("show_again", 5.2, "Nothing was recorded.", "Show the part again.")
+    part = hint("show_again", 5.2, "Nothing was recorded.", "Teach the part again.")
     (shown,) = banner_of(replace(update("motion"), hints=(part.model_copy(update={"t0": 5.0, "tn": 5.2}),)))[
         "hints"
     ]
@@ -73,7 +73,7 @@ def test_a_part_to_show_again_links_to_the_program_in_which_it_is_replaced(updat
 def test_a_hint_has_times_of_day_as_people_read_them(update):
     begins = 1764172800.25
     day = replace(update("motion"), segments=(segment("motion", begins),))
-    pause = hint("show_again", begins + 5.2, f"Nothing at {begins + 5:.2f} s.", "Show the part again.")
+    pause = hint("show_again", begins + 5.2, f"Nothing at {begins + 5:.2f} s.", "Teach the part again.")
     pause = pause.model_copy(update={"t0": begins + 5.0, "tn": begins + 5.2})
     (shown,) = banner_of(replace(day, hints=(pause,)))["hints"]
     assert shown["text"] == "Nothing at 5.00 s."

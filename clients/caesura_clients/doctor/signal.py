@@ -124,10 +124,10 @@ def check_bias(bias: Array | None) -> Iterator[CheckResult]:
     x, y, z = bias.tolist()
     size = float(np.linalg.norm(bias))
     remedy = (
-        f"over {BIAS_LIMIT_N:.0f} N: tare the sensor, and let the robot take off the weight of hand and "
-        "tool: it turns with the flange, and what is taken off once does not follow"
+        f"over {BIAS_LIMIT_N:.0f} N: tare the sensor, and let the robot compensate the weight of gripper "
+        "and tool: its direction turns with the flange, and a tare is constant"
     )
-    found = f"({x:.1f}, {y:.1f}, {z:.1f}) N, {size:.1f} N in all, taken off"
+    found = f"({x:.1f}, {y:.1f}, {z:.1f}) N, {size:.1f} N in all, subtracted"
     yield graded("wrench bias", found, (size > BIAS_LIMIT_N, "warn", remedy))
 
 

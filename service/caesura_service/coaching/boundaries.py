@@ -112,9 +112,7 @@ class BoundaryCoach:
         """Raise a hint for a boundary, and start observing it."""
         self._hinted = boundary
         self._open.append(boundary)
-        text = (
-            f"It is not clear whether a segment ends at {boundary.t:.1f} s (probability {probability:.2f})."
-        )
+        text = f"Unclear whether a segment ends at {boundary.t:.1f} s (probability {probability:.2f})."
         self.log.raise_hint(
             Hint(kind=KIND, since=t, text=text, advice=PAUSE, t0=boundary.t, tn=boundary.t), boundary.t
         )
@@ -136,7 +134,7 @@ class BoundaryCoach:
         self._again, self._again_until = boundary, newest + SHOWN
         until = t if self._sure is None or self._sure <= boundary.t else self._sure
         text = f"The boundary at {boundary.t:.1f} s stayed unclear."
-        advice = f"Show the part from {boundary.after:.1f} to {until:.1f} s again."
+        advice = f"Teach the part from {boundary.after:.1f} to {until:.1f} s again."
         self.log.update_hint(
             KIND, boundary.t, {"text": text, "advice": advice, "t0": boundary.after, "tn": until}
         )

@@ -68,9 +68,9 @@ def _missed_part(m: Measures, setup: CoachingSetup) -> str:
     of_path, of_turn = _path_levels(m, setup)
     if of_path >= of_turn:
         limit_mm = 1000 * setup.path_tolerance_m
-        return f"{1000 * m.path_error_m:.0f} mm of the path are not recorded (limit {limit_mm:g} mm)"
+        return f"the recorded path is off by up to {1000 * m.path_error_m:.0f} mm (limit {limit_mm:g} mm)"
     missed, limit = math.degrees(m.turn_error_rad), math.degrees(setup.path_tolerance_rad)
-    return f"{missed:.0f}° of a turn are not recorded (limit {limit:.3g}°)"
+    return f"the recorded turn is off by up to {missed:.0f}° (limit {limit:.3g}°)"
 
 
 def _singular_level(m: Measures, _setup: CoachingSetup) -> float:
@@ -82,7 +82,7 @@ RULES: tuple[SignalRule, ...] = (
         Trigger("hand_in_wrench", confirm=1),
         _hand_level,
         lambda m, _setup: (
-            f"A hand drives the sensor: {m.driving_n:.0f} N along the movement.",
+            f"The sensor measures the hand: {m.driving_n:.0f} N along the movement.",
             "Hold the robot behind the sensor, or state wrench source flange_sensor_with_hand.",
         ),
     ),
@@ -90,16 +90,16 @@ RULES: tuple[SignalRule, ...] = (
         Trigger("unexplained_force", confirm=STRAY_CONFIRM),
         lambda m, setup: m.stray_n / (ALONG_SCALES * setup.bias_n),
         lambda m, setup: (
-            f"{m.stray_n:.0f} N in free movement, and neither a contact nor a grasped load "
+            f"{m.stray_n:.0f} N in free movement, without a contact or a grasped load "
             f"(limit {ALONG_SCALES * setup.bias_n:.1f} N).",
-            "Look for a cable that pulls, or something on the tool.",
+            "Check for a cable that pulls, or an object on the tool.",
         ),
     ),
     SignalRule(
         Trigger("too_fast", confirm=1),
         lambda m, setup: max(_path_levels(m, setup)),
         lambda m, setup: (
-            f"Too fast: up to {_missed_part(m, setup)}.",
+            f"Too fast: {_missed_part(m, setup)}.",
             "Move more slowly where the path turns.",
         ),
     ),
@@ -107,7 +107,8 @@ RULES: tuple[SignalRule, ...] = (
         Trigger("singularity", confirm=1),
         _singular_level,
         lambda m, _setup: (
-            f"The arm is near a singularity: {m.arm.singular_value:.3f} (limit {SINGULAR_BELOW}).",
+            f"The arm is near a singularity: least singular value {m.arm.singular_value:.3f} "
+            f"(limit {SINGULAR_BELOW}).",
             "Bend the elbow or turn the wrist away.",
         ),
     ),
@@ -124,7 +125,8 @@ RULES: tuple[SignalRule, ...] = (
         Trigger("bias_drift", confirm=1),
         lambda m, setup: m.bias_n / (SIZE_SCALES * setup.bias_n),
         lambda m, setup: (
-            f"The force's zero has drifted by {m.bias_n:.0f} N (limit {SIZE_SCALES * setup.bias_n:.1f} N).",
+            f"The zero of the force has drifted by {m.bias_n:.0f} N "
+            f"(limit {SIZE_SCALES * setup.bias_n:.1f} N).",
             "Stop, let go, and start again: the start tares the sensor.",
         ),
     ),
@@ -132,9 +134,8 @@ RULES: tuple[SignalRule, ...] = (
         Trigger("frozen_force", confirm=1),
         lambda m, _setup: m.frozen_s / FROZEN_S,
         lambda m, _setup: (
-            f"The force is {m.frozen_n:.1f} N, always the same number while the robot moves "
-            f"(limit {FROZEN_S:g} s).",
-            "Look at the sensor and its driver: contacts and loads are not seen.",
+            f"The force stays at exactly {m.frozen_n:.1f} N while the robot moves (limit {FROZEN_S:g} s).",
+            "Check the sensor and its driver: contacts and loads are not detected.",
         ),
     ),
 )

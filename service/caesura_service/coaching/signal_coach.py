@@ -42,7 +42,7 @@ class SignalCoach:
                 kind="show_again",
                 since=tn,
                 text=f"Nothing was recorded from {t0:.1f} to {tn:.1f} s.",
-                advice=f"Show the part from {t0:.1f} to {tn:.1f} s again.",
+                advice=f"Teach the part from {t0:.1f} to {tn:.1f} s again.",
                 t0=t0,
                 tn=tn,
             )

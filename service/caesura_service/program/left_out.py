@@ -41,8 +41,8 @@ NAMED = 5  # touches in a note, the strongest ones, and detours, the widest ones
 Array = NDArray[np.float64]
 
 LEFT_OUT = "Taught and in no app: "
-BEGINS_MOVING = "The recording begins in motion: the way to where the program begins was not seen."
-ENDS_MOVING = "The recording ends in motion: the program stops where it was seen last."
+BEGINS_MOVING = "The recording begins in motion: the way to the start of the program was not recorded."
+ENDS_MOVING = "The recording ends in motion: the program stops at the last recorded pose."
 
 
 def left_out_note(
@@ -111,7 +111,7 @@ class _Detour(NamedTuple):
         parts = [f"{fixed(1000 * self.off_m, 1)} mm"] if self.off_m > STRAYED_M else []
         parts += [f"{_degrees(self.off_rad)}°"] if self.off_rad > STRAYED_RAD else []
         return (
-            f"{' and '.join(parts)} off the straight way and back at {interval(self.began, self.ended, 1)} s"
+            f"{' and '.join(parts)} off the straight line and back at {interval(self.began, self.ended, 1)} s"
         )
 
 

@@ -24,7 +24,7 @@ def missed_pulls_note(apps: Iterable[App], moment_at: MomentAt, up: Vector = UP)
     up: away from gravity, base frame.
     """
     said = "; ".join(_pulls(apps, moment_at, up))
-    return f"Taught and exerted by no app, because it carries: {said}." if said else None
+    return f"Forces that no app exerts, because apps that carry exert none: {said}." if said else None
 
 
 def _pulls(apps: Iterable[App], moment_at: MomentAt, up: Vector) -> Iterator[str]:

@@ -40,7 +40,7 @@ def missed_torques_note(
     times between two times [s]; none where they are not measured. began, ended: of the demonstration [s].
     """
     said = "; ".join([*_in_presses(apps, torques_between), *_in_rests(apps, torques_between, began, ended)])
-    return f"Taught and exerted by no app, because nothing turned: {said}." if said else None
+    return f"Torques that no app exerts, because nothing turned: {said}." if said else None
 
 
 def _in_presses(apps: Iterable[App], torques_between: Callable[[float, float], Array]) -> Iterator[str]:

@@ -61,9 +61,7 @@ def missed_touches_note(
     if not found:
         return None
     said = "; ".join(largest_parts(found, lambda one: one.newton, _Touch.text, NAMED, "weaker ones"))
-    return (
-        f"Felt where no contact was found, and in no app: {said}. Press harder where the robot is to press."
-    )
+    return f"Forces without a contact, in no app: {said}. To have the robot press there, press harder."
 
 
 def _in_the_air(apps: Iterable[App], began: float, ended: float) -> Iterator[tuple[float, float]]:

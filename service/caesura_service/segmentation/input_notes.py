@@ -13,7 +13,7 @@ from caesura_service.signals import SampleLayout, WrenchCapabilities
 
 # Its weight alone shows a load then, against a bias of free space with a scale of 2.3 N (docs/judge.md).
 ASSUMED_ROBOT = (
-    "Robot not stated: its seven joints are read as those of a Panda. State --robot where it is another one."
+    "Robot not stated: its seven joints are read as those of a Panda. State --robot if it is another arm."
 )
 UNREAD_JOINTS = (
     "Robot not stated: no orientation is computed from its joints, and targets have none. State --robot, or "
@@ -46,7 +46,7 @@ def frozen_note(since: float) -> str:
     """Return the note on a force that stayed the same number in motion; since: [s] when a hint named it."""
     return (
         f"The force stayed the same number while the robot moved, first until {fixed(since, 1)} s: contacts "
-        "and loads were not seen then. Look at the sensor and its driver, and teach it again."
+        "and loads were not detected then. Check the sensor and its driver, and teach it again."
     )
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from caesura_protocol.app_force_limit import with_force_limit
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import App, Change, Gap, Open, Phase, Segment
+from caesura_protocol.number_words import counted
 from caesura_protocol.plausibility import FirstSecond
 from caesura_protocol.programs.apps_by_phase import ungrouped_notes
 from caesura_protocol.robots import RobotError
@@ -544,7 +545,7 @@ class SegmentationPipeline:
             notes.append(self._gaps.note(self._began))
         if anew := self._heeded.anew:
             notes.append(
-                f"{anew} corrections were resolved anew at a restart, from a journal of an older version: "
-                "look at them again"
+                "Resolved again at a restart, from a journal of an older version: "
+                f"{counted(anew, 'correction')}. Check the results."
             )
         return tuple(notes)

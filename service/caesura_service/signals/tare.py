@@ -31,7 +31,7 @@ Vector = tuple[float, float, float]
 
 UNTARED = (
     "The sensor's bias, often 1 to 5 N, stays in every force and load, and hides light contacts: to have it "
-    "taken off, begin the recording at rest in free space."
+    "subtracted, begin the recording at rest in free space."
 )
 UNTARED_BIAS_N = 5.0  # scale of what free space reads without a tare: real sensors read 1–5 N
 # What neither a bias nor the weight of a tool explains, and a hand can press: steady presses have up to 35 N.
@@ -72,13 +72,13 @@ class Tare:
     def withdrawn(self, after_s: float) -> Tare:
         """Return a tare of zero with the doubt that this one was a contact. after_s: [s] since the start."""
         doubt = (
-            f"The {math.hypot(*(self.bias or ORIGIN)):.1f} N that the tare took off were no bias: "
-            f"{after_s:.1f} s after the start the arm moves with a force near zero, and nothing is taken off "
-            "any more. If they were a contact, contact and free space are exchanged before that: begin in "
-            "free space. If they were a tool's weight, let the robot compensate it in every pose."
+            f"The tare of {math.hypot(*(self.bias or ORIGIN)):.1f} N was no bias: "
+            f"{after_s:.1f} s after the start the arm moves with a force near zero. From then on nothing is "
+            "subtracted. If it was a contact, contact and free space are exchanged before that: begin in "
+            "free space. If it was a tool's weight, let the robot compensate it in every pose."
         )
         torque_bias = None if self.torque_bias is None else ORIGIN
-        return Tare(ORIGIN, "The tare of the start was no bias, and is withdrawn.", torque_bias, doubt)
+        return Tare(ORIGIN, "The tare at the start was no bias, and is withdrawn.", torque_bias, doubt)
 
 
 def baseline(forces: Array) -> tuple[Array, Array]:
@@ -131,7 +131,7 @@ def tare_of(
     if torques is not None and len(torques):
         a, b, c = torques.mean(axis=0).tolist()
         taken, torque_bias = f"{taken} and {_rounded(torques.mean(axis=0))} Nm", (a, b, c)
-    return Tare((x, y, z), f"Tared at the start: {taken} are taken off.", torque_bias, _doubt(mean), up)
+    return Tare((x, y, z), f"Tared at the start: {taken} are subtracted.", torque_bias, _doubt(mean), up)
 
 
 def _doubt(mean: Array) -> str:

@@ -63,7 +63,7 @@ def test_each_unclear_boundary_has_a_hint_of_its_own():
     first, second = followed({20: {20: 0.5}, 50: {50: 0.5}, 70: {50: 0.9}}, count=80)
     assert second.t0 == 5.0
     assert second.until == 0.1 * 75
-    assert first.advice == "Show the part from 0.0 to 6.0 s again.", "the first one is followed on"
+    assert first.advice == "Teach the part from 0.0 to 6.0 s again.", "the first one is followed on"
     assert first.until is None
 
 
@@ -76,7 +76,7 @@ def test_a_boundary_that_stays_unclear_asks_for_its_part_from_the_last_sure_one(
     pause, *_ = followed({20: {20: 0.95}, 50: {50: 0.5}}, count=50 + WINDOW)
     (again,) = followed({20: {20: 0.95}, 50: {50: 0.5}}, count=200)
     out = 0.1 * (50 + WINDOW)  # when it leaves the window
-    assert (pause.advice, again.advice) == (PAUSE, f"Show the part from 2.0 to {out:.1f} s again.")
+    assert (pause.advice, again.advice) == (PAUSE, f"Teach the part from 2.0 to {out:.1f} s again.")
     assert (again.kind, again.since) == (pause.kind, pause.since), "one cause, one hint"
     assert (again.t0, again.tn, again.until) == (2.0, out, 0.1 * (50 + WINDOW + SHOWN))
 

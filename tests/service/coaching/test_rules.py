@@ -325,7 +325,7 @@ def test_a_hint_on_a_turn_that_is_too_fast_says_so():
     (hint,) = coach.log.hints
     assert (hint.kind, hint.text) == (
         "too_fast",
-        "Too fast: up to 16° of a turn are not recorded (limit 1°).",
+        "Too fast: the recorded turn is off by up to 16° (limit 1°).",
     )
 
 

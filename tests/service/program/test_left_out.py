@@ -173,16 +173,16 @@ def found(poses: NDArray[np.float64], *between: App) -> list[str]:
 def test_a_detour_between_two_paths_is_named_with_its_time_however_long_the_rest_is():
     assert found(led((0.0, 0.9, 0.05))) == []  # in the path of an app
     assert found(led((20.05, 21.0, 0.0049))) == []
-    assert found(led((20.05, 21.0, 0.0072))) == ["7.2 mm off the straight way and back at 20.1–21.0 s"]
-    assert found(led((250.05, 250.15, 0.02))) == ["20.0 mm off the straight way and back at 250.1 s"]
+    assert found(led((20.05, 21.0, 0.0072))) == ["7.2 mm off the straight line and back at 20.1–21.0 s"]
+    assert found(led((250.05, 250.15, 0.02))) == ["20.0 mm off the straight line and back at 250.1 s"]
 
 
 def test_a_detour_of_the_turn_is_named_also_in_a_press_that_pushes_straight():
     # How far a press leaves the straight way is stated by its app.
     press = app("apply_force", 10.0, 40.0, B, force=(0.0, 0.0, -8.0), off_straight_m=0.006)
     turned = led((20.05, 21.0, 0.006), turns=((20.05, 21.0, math.radians(2.6)),))
-    assert found(turned, press) == ["2.6° off the straight way and back at 20.1–21.0 s"]
-    assert found(turned) == ["6.0 mm and 2.6° off the straight way and back at 20.1–21.0 s"]
+    assert found(turned, press) == ["2.6° off the straight line and back at 20.1–21.0 s"]
+    assert found(turned) == ["6.0 mm and 2.6° off the straight line and back at 20.1–21.0 s"]
     assert found(led(turns=((20.05, 21.0, math.radians(1.9)),))) == []
 
 
@@ -198,7 +198,7 @@ def test_a_drift_along_the_straight_way_is_no_detour():
 def test_a_robot_without_orientations_has_detours_of_its_position():
     poses = led((20.05, 21.0, 0.0072))
     poses[:, 3:] = np.nan
-    assert found(poses) == ["7.2 mm off the straight way and back at 20.1–21.0 s"]
+    assert found(poses) == ["7.2 mm off the straight line and back at 20.1–21.0 s"]
 
 
 def test_of_many_detours_the_widest_are_named():

@@ -35,7 +35,8 @@ def pulled(newton: float, t0: float, tn: float) -> MomentAt:
 def test_a_pull_on_what_is_held_is_stated(newton: float, seconds: float, stated: bool):
     """A plug was pulled with 25 N for half a second: the program carried 1.15 kg, without a word."""
     found = missed_pulls_note(CARRIES, pulled(newton, 0.2, 0.2 + seconds))
-    said = "Taught and exerted by no app, because it carries: a force of 20.0 N beside the weight of 0.50 kg"
+    none = "Forces that no app exerts, because apps that carry exert none"
+    said = f"{none}: a force of 20.0 N beside the weight of 0.50 kg"
     assert found == (f"{said} at 0.0–2.0 s." if stated else None)
 
 

@@ -27,8 +27,7 @@ def held(newton_metres: float, seconds: float = 2.0) -> NDArray[np.float64]:
 def test_a_torque_that_was_held_without_a_turn_is_stated(sign: float):
     """A hand that twisted a handle with 2 Nm for 2 s taught a press, without a word."""
     assert missed_torques_note((PRESS,), lambda t0, tn: held(sign * 2.0)) == (
-        "Taught and exerted by no app, because nothing turned: "
-        "a torque of 2.0 Nm about the force at 2.0–5.0 s."
+        "Torques that no app exerts, because nothing turned: a torque of 2.0 Nm about the force at 2.0–5.0 s."
     )
 
 
@@ -74,7 +73,7 @@ def test_a_torque_in_a_rest_or_a_hold_is_stated_beside_those_of_weights(
 ):
     """A hand twisted the tool with 1.5 Nm in the air, or what it held, and nothing turned."""
     found = missed_torques_note(apps, twisted(t0, 4.5, weights_nm), 0.0, 6.0)
-    said = "Taught and exerted by no app, because nothing turned: a torque of 1.5 Nm at 2.0–5.0 s."
+    said = "Torques that no app exerts, because nothing turned: a torque of 1.5 Nm at 2.0–5.0 s."
     assert found == (said if stated else None)
 
 
@@ -92,4 +91,4 @@ def test_a_torque_that_was_held_after_a_turn_is_stated_if_no_turn_reaches_it(tur
 
     found = missed_torques_note((turn,), along_the_force)
     said = "a torque of 1.5 Nm about the force at 3.0–6.0 s"
-    assert found == (f"Taught and exerted by no app, because nothing turned: {said}." if stated else None)
+    assert found == (f"Torques that no app exerts, because nothing turned: {said}." if stated else None)

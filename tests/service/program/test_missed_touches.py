@@ -37,8 +37,8 @@ def note(at: MomentAt, apps: tuple[App, ...] = WAY) -> str | None:
 def test_lines_that_a_pen_draws_lightly_are_named() -> None:
     """They were movements, and nothing stated that the pen had touched the paper."""
     assert note(felt((3.0, 2.0, 3.0), (-3.2, 6.0, 7.5))) == (
-        "Felt where no contact was found, and in no app: 3.0 N at 2.0–3.0 s; 3.2 N at 6.0–7.5 s. Press "
-        "harder where the robot is to press."
+        "Forces without a contact, in no app: 3.0 N at 2.0–3.0 s; 3.2 N at 6.0–7.5 s. To have "
+        "the robot press there, press harder."
     )
 
 

@@ -336,7 +336,7 @@ def test_a_torque_that_is_held_in_a_press_while_nothing_turns_is_a_note() -> Non
     """Taught at half the pace, so that the press lasts."""
     still = guided()
     pressed = (still.signals["force"][:, 2] > 6.0).astype(np.float64)
-    said = "Taught and exerted by no app, because nothing turned: a torque of 2.0 Nm about the force at "
+    said = "Torques that no app exerts, because nothing turned: a torque of 2.0 Nm about the force at "
     for newton_metres, count in ((2.0, 1), (0.0, 0)):
         torque = np.outer(pressed, (0.0, 0.0, newton_metres))
         level = np.tile((1.0, 0.0, 0.0, 0.0), (still.t.size, 1))

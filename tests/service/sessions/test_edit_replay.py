@@ -236,7 +236,7 @@ def test_the_edits_of_an_older_journal_are_resolved_at_their_place_which_log_and
     assert again.registry.restore() == []
     *before, note = again.standing.program_header.notes
     assert tuple(before) == real.standing.program_header.notes
-    assert "corrections were resolved anew at a restart, from a journal of an older version" in note
+    assert "Resolved again at a restart, from a journal of an older version: 3 corrections." in note
     assert f"{STATION}/{NAME}: the journal has no result of the edit of revision 0" in caplog.messages[0]
     quiet = again.standing._replace(
         view=again.standing.view._replace(notes=tuple(before)),

@@ -60,7 +60,9 @@ def test_the_bias_at_rest_is_taken_off_everything() -> None:
 
 def test_the_note_has_no_negative_zero() -> None:
     at_rest = tare_of(np.full((3, 3), -0.001), np.zeros(3), RestCriterion(0.01, 1.0), np.full((3, 3), -0.004))
-    assert at_rest.note == "Tared at the start: (0.00, 0.00, 0.00) N and (0.00, 0.00, 0.00) Nm are taken off."
+    assert (
+        at_rest.note == "Tared at the start: (0.00, 0.00, 0.00) N and (0.00, 0.00, 0.00) Nm are subtracted."
+    )
 
 
 def test_a_sensor_below_the_hand_is_tared_in_free_motion_too() -> None:
@@ -131,8 +133,8 @@ def test_a_tare_that_was_a_contact_is_withdrawn_once_free_motion_shows_it(torque
     assert conditioner.tare == (0.0, 0.0, 0.0)
     assert "withdrawn" in conditioner.tare_note
     doubt = conditioner.tare_doubt
-    assert "The 16.3 N that the tare took off were no bias: 1.8 s after the start" in doubt
-    assert "If they were a contact, contact and free space are exchanged before that" in doubt
+    assert "The tare of 16.3 N was no bias: 1.8 s after the start" in doubt
+    assert "If it was a contact, contact and free space are exchanged before that" in doubt
 
 
 @pytest.mark.parametrize("start_s", [0.0, 1.7e9])
@@ -159,7 +161,7 @@ def test_a_withdrawn_tare_may_have_been_the_weight_of_a_tool_that_turned() -> No
     conditioner = Conditioner(layout)
     together(conditioner, [np.column_stack([t, place, turned, weight])])
     assert "withdrawn" in conditioner.tare_note
-    assert "If they were a tool's weight, let the robot compensate it" in conditioner.tare_doubt
+    assert "If it was a tool's weight, let the robot compensate it" in conditioner.tare_doubt
 
 
 def test_a_tare_is_withdrawn_at_the_same_observation_however_samples_come() -> None:

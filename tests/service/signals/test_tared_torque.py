@@ -44,7 +44,7 @@ def test_the_note_names_what_is_taken_off() -> None:
     ones = np.ones((len(t), 1))
     flat = [0.0, 0.0, 0.0, 1.0]
     together(conditioner, [np.hstack([t[:, None], ones * [[0.4, 0, 0.3, *flat, *STATIC_N, *STATIC_NM]]])])
-    assert "(4.00, -6.00, -180.00) N and (0.40, -2.00, 0.70) Nm are taken off" in conditioner.tare_note
+    assert "(4.00, -6.00, -180.00) N and (0.40, -2.00, 0.70) Nm are subtracted" in conditioner.tare_note
 
 
 def test_a_start_in_motion_leaves_no_torque_because_its_bias_is_not_known() -> None:

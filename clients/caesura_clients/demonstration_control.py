@@ -77,10 +77,10 @@ def close_left_open(
         raise NotFound(f"no session is open at {station}")
     if success is not None and len(left) > 1:
         names = ", ".join(status.session for status in left)
-        raise CaesuraError(f"{station} has several open sessions: name the one that is meant, of {names}")
+        raise CaesuraError(f"{station} has several open sessions: name one of {names}")
     acks = [_close_left_open(transport, station, one, success) for one in left]
     if None in acks:
-        raise Unreachable(f"the service has not answered: {station} may have an open session still")
+        raise Unreachable(f"the service has not answered: {station} may still have an open session")
     return [ack for ack in acks if ack is not None]
 
 

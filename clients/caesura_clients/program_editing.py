@@ -51,7 +51,9 @@ def part_between(
     inside = [i for i, app in enumerate(program.apps) if _share_within(app, t0, tn) >= HALF]
     between = f"between {clock.brief(t0)} and {clock.brief(tn)} s"
     if not inside:
-        raise CaesuraError(f"no app has half of its time {between}: name the part by the numbers of its apps")
+        raise CaesuraError(
+            f"no app has at least half of its time {between}: name the part by the numbers of its apps"
+        )
     first, last = inside[0], inside[-1]
     if len(inside) <= last - first:
         raise CaesuraError(f"the apps {between} do not follow each other: name the part by their numbers")

@@ -433,7 +433,7 @@ def _decoded(
     refusals = [refusal for refusal in said if refusal.code != NOTHING]
     others = [refusal for refusal in refusals if not isinstance(refusal, IncompleteAnswerError)]
     if joined.has_pieces and not others and (complete or not whole):
-        raise IncompleteAnswerError("overloaded", "pieces of the answer were lost on the way: ask again")
+        raise IncompleteAnswerError("overloaded", "fragments of the answer were lost on the way: ask again")
     if joined.lost is not None and not others and (complete or not whole):
         raise joined.lost
     if refusals and (complete or not whole):
@@ -485,8 +485,8 @@ def _unless_held_back(transport: Transport, station: str, ask: Callable[[], Foun
         time.sleep(HELD_WAIT_S)
     raise ProtocolError(
         "overloaded",
-        f"the service holds back queries of station {station}, {held} since it started, so what it has is "
-        "not known: look for a script that asks in a loop, and try again",
+        f"the service has refused {held} queries for station {station} because of their rate, and answers "
+        "none now: stop the script that queries in a loop, and try again",
         value=held,
     )
 
@@ -509,8 +509,8 @@ def _of_stations(transport: Transport, station: str, ask: Callable[[], list[M]])
                 raise
     raise ProtocolError(
         "overloaded",
-        f"the service holds back queries that name no station, {held} since it started: look for a script "
-        "that asks in a loop, and try again",
+        f"the service has refused {held} queries that name no station because of their rate: stop the "
+        "script that queries in a loop, and try again",
         value=held,
     )
 

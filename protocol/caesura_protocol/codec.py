@@ -322,7 +322,9 @@ def _model_of(encoding: str, expected: tuple[type[M], ...]) -> tuple[type[M], Bo
     for model in expected:
         if model.type_name() == match[1]:
             return model, bounds_of(model)
-    raise ProtocolError("malformed", "not a type that is expected here", value=match[1], expected=names)
+    raise ProtocolError(
+        "malformed", "a message type that is not accepted here", value=match[1], expected=names
+    )
 
 
 __all__ = [

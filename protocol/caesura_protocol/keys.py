@@ -308,7 +308,7 @@ def _number(text: str | None, name: str) -> float:
     if text is None or not _NUMBER.fullmatch(text) or not math.isfinite(float(text)):
         raise ProtocolError("malformed", f"samples: {name} is not a finite number", value=text)
     if abs(number := float(text)) > MAX_TIME_S:
-        raise ProtocolError("malformed", f"samples: {name} is absurd", value=number, limit=MAX_TIME_S)
+        raise ProtocolError("malformed", f"samples: {name} is out of range", value=number, limit=MAX_TIME_S)
     return number
 
 

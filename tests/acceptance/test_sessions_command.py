@@ -167,9 +167,9 @@ def test_sessions_are_exported_as_the_episodes_of_a_dataset(directory):
         (("s1", "s2", "-o", "both.npz"), "2 sessions for one .npz file"),
         (("s2", "-o", "s2.mcap", "--fps", "50"), "--without-language are not for .mcap"),
         (("s2", "-o", "s2.txt", "--format", "npz"), "cannot write s2.txt: expected the suffix .npz"),
-        (("s2", "-o", "d", "--format", "lerobot", "--failed", "s9"), "--failed s9: exported are s2"),
+        (("s2", "-o", "d", "--format", "lerobot", "--failed", "s9"), "--failed s9: exported episodes are s2"),
         (("s2", "-o", "d", "--format", "lerobot", "--fps", "500"), "500 frames a second, and its samples"),
-        (("s2", "-o", ".", "--format", "lerobot"), ". exists: a dataset is written into a directory of"),
+        (("s2", "-o", ".", "--format", "lerobot"), ". exists: a dataset is written to a new directory"),
     ],
 )
 def test_what_does_not_fit_the_format_is_one_line(directory, arguments, words, monkeypatch):

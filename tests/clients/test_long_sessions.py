@@ -111,7 +111,7 @@ def pieces_of(snapshot: Snapshot) -> list[ReceivedSample]:
 def test_an_answer_that_lost_a_piece_is_an_error_and_no_silence():
     parts = pieces_of(long := long_snapshot())
     assert decoded(QueryReplies(tuple(parts), ()), Snapshot) == [long]
-    with pytest.raises(ProtocolError, match="pieces of the answer were lost"):
+    with pytest.raises(ProtocolError, match="fragments of the answer were lost"):
         decoded(QueryReplies(tuple(parts[1:]), ()), Snapshot)
 
 
@@ -162,6 +162,6 @@ def test_where_pieces_come_the_service_is_asked_more_often_than_where_none_do(is
 def test_an_answer_that_always_loses_a_piece_is_an_error():
     parts = pieces_of(long_snapshot())
     lossy = Lossy(parts, QueryReplies(tuple(parts[1:]), ()), PIECES_ATTEMPTS)
-    with pytest.raises(ProtocolError, match="pieces of the answer were lost"):
+    with pytest.raises(ProtocolError, match="fragments of the answer were lost"):
         snapshots(lossy, "cell-1", "s1")
     assert lossy.asked == PIECES_ATTEMPTS

@@ -50,12 +50,12 @@ REFUSALS: list[tuple[ProtocolError, Refused, str]] = [
         "time -3 s is outside the session (0.05 to 8.4 s)",
     ),
     (
-        conflict("there is no changepoint near that", value=3.0, limit=0.5, expected=[2.0, 4.15]),
+        conflict("there is no changepoint near this time", value=3.0, limit=0.5, expected=[2.0, 4.15]),
         Remove(t=3.0),
         "there is no changepoint near 3 s; the nearest are at 2 s, 4.15 s",
     ),
     (
-        conflict("there is no changepoint near that", value=3.0, limit=0.5, expected="none is there"),
+        conflict("there is no changepoint near this time", value=3.0, limit=0.5, expected="none is there"),
         Move(t=3.0, to=3.5),
         "there is no changepoint near 3 s; this session has none",
     ),

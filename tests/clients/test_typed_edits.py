@@ -189,7 +189,7 @@ def test_a_part_is_named_by_the_numbers_of_its_apps_or_by_times():
         (["replace"], (1.0, None, "s2"), "the part is not clear"),
         (["replace", "1", "2"], (1.0, 2.0, "s2"), "the part is not clear"),
         (["replace", "1", "9"], (None, None, "s2"), "there is no app '9'"),
-        (["replace"], (40.0, 50.0, "s2"), "no app has half of its time between 40 and 50 s"),
+        (["replace"], (40.0, 50.0, "s2"), "no app has at least half of its time between 40 and 50 s"),
         (["replace"], (0.0, 3.0, "s2"), "do not follow each other"),
         (["replace", "1", "1"], (None, None, "S 2"), "SESSION is 'S 2'"),
         (["delete", "1"], (None, None, "s2"), "--from, --to and --with belong to replace, not to delete"),

@@ -111,7 +111,7 @@ def test_teach_mode_asks_for_the_tcp_zeroes_the_sensor_lets_go_and_holds_again(p
 
 
 def test_a_command_that_is_not_carried_out_is_named(play):
-    with pytest.raises(SourceError, match="teach mode: the controller did not carry it out"):
+    with pytest.raises(SourceError, match="teach mode: the controller did not execute it"):
         play(Script(moving(1), fails="teachMode"), replace(STATED, teach_mode=True))
 
 

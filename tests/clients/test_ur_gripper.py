@@ -344,7 +344,7 @@ def test_a_source_closes_while_its_gripper_is_gone(play, urcap):
 
 
 def test_where_the_arm_cannot_be_opened_the_gripper_is_read_no_more(play, urcap):
-    with pytest.raises(SourceError, match="the controller did not carry it out"):
+    with pytest.raises(SourceError, match="the controller did not execute it"):
         play(options=replace(STATED, teach_mode=True), fails="teachMode")
     eventually(lambda: urcap.clients == 0)
 

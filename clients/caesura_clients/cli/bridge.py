@@ -169,13 +169,15 @@ def bridge(
     if epoch > MAX_EPOCH:
         raise typer.BadParameter(f"{epoch}, at most {MAX_EPOCH}", param_hint="--epoch")
     if epoch and session is None:
-        raise typer.BadParameter("a session is taken up by its name: add --session", param_hint="--epoch")
+        raise typer.BadParameter("a session is continued by its name: add --session", param_hint="--epoch")
     if standby:
         _check_standby(source, session, marker, stated)
     if start_by and not standby:
         raise typer.BadParameter("it starts a bridge in standby: add --standby", param_hint="--start-by")
     if released_s is not None and not start_by:
-        raise typer.BadParameter("add --start-by button, which this ends", param_hint="--released-s")
+        raise typer.BadParameter(
+            "it ends what the button started: add --start-by button", param_hint="--released-s"
+        )
     with reported():
         named(station)
         folder = Path(os.environ.get("STATE_DIRECTORY", "."))  # which systemd sets

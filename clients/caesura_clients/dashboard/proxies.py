@@ -61,7 +61,7 @@ def _network(named: str) -> IpNetwork:
     except ValueError as error:
         raise CaesuraError(f"--proxy {named}: {error}; expected as 10.0.0.7 or 10.42.0.0/16") from None
     if not network.prefixlen:
-        raise CaesuraError(f"--proxy {named}: every visitor could choose the address that counts as its own")
+        raise CaesuraError(f"--proxy {named}: every visitor could claim any address")
     return network
 
 

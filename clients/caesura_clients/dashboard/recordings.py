@@ -161,7 +161,7 @@ class RecordingDesk:
         path = self._folder.path / upload / name
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.exists():
-            raise EditRefused(f"{name} is being received, or was.")
+            raise EditRefused(f"{name} is being received, or was received already.")
         if sum(1 for _ in (self._folder.path / upload).rglob("*")) > FILES:
             raise EditRefused(f"The folder has more than {FILES} files.")
         return path

@@ -43,7 +43,7 @@ class DatasetOptions(NamedTuple):
     def success_of(self, names: Sequence[str]) -> dict[str, bool]:
         """Return whether each session succeeded, if stated. Raises CaesuraError."""
         if unknown_names := sorted(set(self.failed) - set(names)):
-            raise CaesuraError(f"--failed {unknown_names[0]}: exported are {', '.join(names)}")
+            raise CaesuraError(f"--failed {unknown_names[0]}: exported episodes are {', '.join(names)}")
         return {name: name not in self.failed for name in names if self.success or name in self.failed}
 
 

@@ -41,7 +41,9 @@ def outputs_of(files: Sequence[Path], out: Path | None) -> Mapping[Path, Path] |
     outputs = {file: out / f"{file.stem}.json" for file in files}
     if found := namesakes(files):
         one, other = found
-        raise SourceError(f"{one} and {other} would both be written to {outputs[one]}: segment them apart")
+        raise SourceError(
+            f"{one} and {other} would both be written to {outputs[one]}: segment them separately"
+        )
     try:
         out.mkdir(exist_ok=True)
     except OSError as error:

@@ -74,7 +74,7 @@ def slowdown(curve: Curve, still: Array, robot: Robot, q: Array, limits: MotionL
     poses = poses_at(curve, t, still)
     joints = robot.joints_along(poses, q)
     if (joints < limits.lower).any() or (joints > limits.upper).any():
-        raise ValueError("a joint passes the limits of its position on the way")
+        raise ValueError("a joint exceeds its position limits on the path")
     rates = _every_tick(begins, np.column_stack([joints, poses[:, :3]]))
     flange = (limits.speed, limits.acceleration, limits.jerk)
     most = np.full(len(rates), curve.peaks()[1] / limits.turn)

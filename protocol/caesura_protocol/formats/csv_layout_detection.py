@@ -94,7 +94,7 @@ def read_layout(path: Path) -> CsvLayout:
             f"{path.name}: the first row, {lines[0].strip()[:MOST_SHOWN]!r}, has "
             f"{counted(len(rows[0]), 'column')}, expected names of 2 to {MOST_COLUMNS}, "
             f"divided by one of {', '.join(map(repr, DELIMITERS))}; "
-            "# begins a line above them that is for people"
+            "comment lines above them begin with #"
         )
     commas = sum(bool(_DECIMAL_COMMA.fullmatch(cell)) for row in rows[:20] for cell in row)
     decimal = "," if commas and delimiter != "," else "."

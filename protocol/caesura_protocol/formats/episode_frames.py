@@ -140,7 +140,7 @@ def _gripper(sources: Sequence[EpisodeSource]) -> str:
     if len(found) > 1:
         raise EpisodeError(
             f"gripper is {FLAG} in {found[FLAG]} and {OPENING} in {found[OPENING]}: all episodes of a "
-            "dataset have the same features. Export them apart"
+            "dataset have the same features. Export them separately"
         )
     return f"gripper {next(iter(found), 'as sent')}"
 
@@ -282,7 +282,7 @@ def _check_alike(episodes: Sequence[Episode]) -> None:
             if one != two:
                 raise EpisodeError(
                     f"{feature} is {_described(one)} in {pair[0]} and {_described(two)} in {pair[1]}: all "
-                    "episodes of a dataset have the same features. Export them apart"
+                    "episodes of a dataset have the same features. Export them separately"
                 )
         if (first.source.success is None) != (other.source.success is None):
             stated, open_ = pair if first.source.success is not None else pair[::-1]

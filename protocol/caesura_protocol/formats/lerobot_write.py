@@ -89,7 +89,7 @@ def write_lerobot(path: Path, episodes: Sequence[Episode], *, language: bool = T
     the directory exists or an episode has too many sub-tasks, and OSError.
     """
     if path.exists():
-        raise EpisodeError(f"{path} exists: a dataset is written into a directory of its own")
+        raise EpisodeError(f"{path} exists: a dataset is written to a new directory")
     tasks, subtasks = Texts({}), Texts({})
     with _whole(path) as root:
         frames = [_frames(number, one, tasks, subtasks) for number, one in enumerate(episodes)]

@@ -181,7 +181,7 @@ def _changes(path: Path, options: dict[str, str]) -> int:
     """Remove the number of changes from a file's options and return it. Raises RecordingError."""
     count = options.pop(CHANGES, "0")
     if re.fullmatch("[0-9]{1,9}", count) is None:
-        raise RecordingError(f"{path}: {CHANGES} is {count!r}, expected their number")
+        raise RecordingError(f"{path}: {CHANGES} is {count!r}, expected the number of changes")
     return int(count)
 
 
@@ -331,7 +331,7 @@ def _read(path: Path, mapping: Path | None, stated: WrenchStatement) -> RawRecor
         raise RecordingError(f"{path}: no such file")
     reader = _READERS.get(path.suffix.lower())
     if path.exists() and not (path.is_file() or path.is_dir()):
-        raise RecordingError(f"{path}: no regular file, which is read as a whole: copy what it yields to one")
+        raise RecordingError(f"{path}: not a regular file: copy its content to one")
     if path.is_dir():
         reader = _read_rosbag if is_bag(path) else None
     if reader is None:

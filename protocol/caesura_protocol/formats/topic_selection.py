@@ -111,7 +111,7 @@ def _source_of(topic: Topic) -> str:
     if topic.type == FRANKA_STATE:
         return ESTIMATE
     raise RecordingError(
-        f"{topic.name}: where is this wrench measured? Say wrench_source in a mapping or --wrench-source: "
+        f"{topic.name}: where is this wrench measured? State wrench_source in a mapping or --wrench-source: "
         "flange_sensor, flange_sensor_with_hand or joint_torque_estimate"
     )
 
@@ -121,7 +121,7 @@ def _frame_of(topic: Topic, message: Any, stated: str | None) -> str:
     if frame is None:
         raise RecordingError(
             f"{topic.name}: is the frame {message.header.frame_id!r} that of the flange or that of the base? "
-            "Say force_frame in a mapping or --force-frame: base or flange"
+            "State force_frame in a mapping or --force-frame: base or flange"
         )
     return frame
 

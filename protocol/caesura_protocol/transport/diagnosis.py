@@ -156,7 +156,7 @@ def _greeting_verdict(link: socket.socket, read: Read, *, is_right_protocol: boo
     if not is_right_protocol:
         return None
     if kind == _INIT:
-        raise _WaitingHelpsError("answers, and gave no session in time", "; try again")
+        raise _WaitingHelpsError("answers, and opened no session in time", "; try again")
     if answer[3] != _UNEXPLAINED:
         return f"it closes Zenoh's greeting with reason {answer[3]}: is its Zenoh of another version?"
     return _password_remedy(read)

@@ -108,7 +108,9 @@ class SampleReader:
         extent = self._source.find(key)
         if extent is None:
             self._overviews.pop(key, None)
-            raise ProtocolError("unknown_session", "the journal has no sample of it", value="/".join(key))
+            raise ProtocolError(
+                "unknown_session", "the journal has no sample of this session", value="/".join(key)
+            )
         overview = self._overviews.pop(key, None)
         if overview is None or overview.extent.identity != extent.identity:
             kept = None if owned.is_open else self._source.overview(extent)

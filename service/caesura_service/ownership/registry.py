@@ -430,7 +430,7 @@ class Registry:
 
         Raises ProtocolError `overloaded` if a retry may succeed, else `conflict`.
         """
-        name, why = command.session, "which is over"
+        name, why = command.session, "is closed"
         if not known.best.closed:
             with AS_OVERLOADED:
                 outputs = [output for each in self.take_over(station, now) for output in each]
@@ -439,9 +439,11 @@ class Registry:
             failed = [out.error for out in outputs if isinstance(out, TakeoverFailed) and out.session == name]
             if failed and isinstance(failed[0], JournalError):
                 raise ProtocolError("overloaded", str(failed[0]), value=name)
-            why = "which cannot be read"
+            why = "cannot be read"
         raise ProtocolError(
-            "conflict", f"the journal has such a session, {why}: give it another name", value=name
+            "conflict",
+            f"the journal has a session of this name, which {why}: choose another name",
+            value=name,
         )
 
     def _make_room(self, station: str, now: float) -> list[Output]:

@@ -273,7 +273,7 @@ class EditedAppList:
     def _changed(self, item: EditedApp, change: ChangeApp, edit: ProgramEdit) -> EditedApp:
         given = {name: getattr(change, name) for name in FIELDS if getattr(change, name) is not None}
         if not given and not change.as_taught:
-            raise NotApplicableError("it states no field")
+            raise NotApplicableError("it changes no field")
         item = item.without(change.as_taught)
         for name, wanted in given.items():
             self._check(name, wanted, item.inferred)

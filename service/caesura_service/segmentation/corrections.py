@@ -468,7 +468,7 @@ def _meant(t: float, shown: EditContext) -> VisibleChangepoint:
         if abs(mark.t - t) <= REACH_S or mark.t_low <= t <= mark.t_high:
             break
     else:
-        raise _nothing_near("there is no changepoint near that", t, [round(mark.t, 3) for mark in near])
+        raise _nothing_near("there is no changepoint near this time", t, [round(mark.t, 3) for mark in near])
     if mark.after_gap:
         why = "samples are missing there: behind a gap a segment always begins"
         raise ProtocolError("conflict", why, value=t, limit=mark.t)

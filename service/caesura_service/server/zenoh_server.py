@@ -184,8 +184,8 @@ class ZenohServer:
             self._router.look(since_s)
         if self._link.is_kept_out():
             raise NetworkError(
-                f"{self.endpoint} lets other sessions in and keeps this one out: another client has its "
-                "Zenoh id, or an old link hangs; a new process has another id"
+                f"{self.endpoint} accepts other sessions and refuses this one: another client has its "
+                "Zenoh id, or an old link hangs. Restart this process: it then has a new id"
             )
 
     def status(self) -> ServiceStatus:

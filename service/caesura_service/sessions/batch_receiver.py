@@ -146,7 +146,7 @@ class BatchReceiver:
     def _check_seq(self, seq: int) -> None:
         limit = self.next_seq + self._limits.batches_ahead
         if seq > limit:
-            raise ProtocolError("malformed", "sequence number leaps ahead", value=seq, limit=limit)
+            raise ProtocolError("malformed", "sequence number is too far ahead", value=seq, limit=limit)
 
     def _receive_in_turn(self, batch: SampleBatch, now: float) -> list[Output]:
         """Process the expected batch, the common case: nothing is held and nothing missing."""

@@ -56,7 +56,9 @@ def _check_times(seq: int, times: NDArray[np.float64], limits: Limits) -> None:
     low, high = min(known), max(known)
     reach = max(-low, high)
     if reach > limits.time_s:
-        raise ProtocolError("malformed", f"time in batch {seq} is absurd", value=reach, limit=limits.time_s)
+        raise ProtocolError(
+            "malformed", f"time in batch {seq} is out of range", value=reach, limit=limits.time_s
+        )
     if high - low > limits.batch_span_s:
         why = f"batch {seq} lasts too long{_likely_cause(times, limits)}"
         raise ProtocolError("malformed", why, value=high - low, limit=limits.batch_span_s)
@@ -83,4 +85,4 @@ def _check_values(batch: SampleBatch, cells: NDArray[np.floating[Any]], limits: 
         row = int(np.abs(cells[:, column]).argmax())
         where = f"sample {row} of batch {batch.seq}: {batch.columns[column]}"
         value = float(cells[row, column])
-        raise ProtocolError("malformed", f"{where} is absurd", value=value, limit=limits.value)
+        raise ProtocolError("malformed", f"{where} is out of range", value=value, limit=limits.value)

@@ -340,7 +340,7 @@ class Session:
             differing = {name: value for name, value in vars(stated).items() if value != there[name]}
             raise ProtocolError(
                 "conflict",
-                f"the session is open as something else: other {', '.join(differing)}",
+                f"the session is open with another setting: {', '.join(differing)}",
                 value=", ".join(f"{name} {value!r}" for name, value in differing.items()),
                 expected=", ".join(f"{name} {there[name]!r}" for name in differing),
             )
@@ -508,7 +508,9 @@ class Session:
     def _check_epoch(self, epoch: int) -> None:
         current = self._opening.epoch
         if epoch < current:
-            raise ProtocolError("conflict", "a newer epoch of the bridge is here", value=epoch, limit=current)
+            raise ProtocolError(
+                "conflict", "a newer epoch of the bridge owns this session", value=epoch, limit=current
+            )
         if epoch > current:
             why = "a restarted bridge opens the session before it sends"
             raise ProtocolError("conflict", why, value=epoch, limit=current)

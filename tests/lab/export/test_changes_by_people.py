@@ -46,5 +46,5 @@ def test_a_number_of_changes_that_is_none_is_refused(tmp_path: Path) -> None:
     one = guided()
     wrong = {"t": one.t, "pos": one.signals["pos"], "changes_by_people": np.array("some")}
     np.savez(tmp_path / "bad.npz", **wrong)
-    with pytest.raises(RecordingError, match="changes_by_people is 'some', expected their number"):
+    with pytest.raises(RecordingError, match="changes_by_people is 'some', expected the number of changes"):
         load_recording(tmp_path / "bad.npz")

@@ -60,12 +60,12 @@ def test_a_wrench_that_a_dataset_leaves_out_is_named(tmp_path: Path, source: Wre
     [
         (("taught", "-o", "a.npz"), "2 recordings for one file: several are for --format lerobot"),
         (("taught/one.npz", "-o", "a.mcap", "--fps", "5"), "--without-language are for --format lerobot"),
-        (("taught", "-o", "d", "--format", "lerobot", "--failed", "three"), "exported are one, two"),
+        (("taught", "-o", "d", "--format", "lerobot", "--failed", "three"), "exported episodes are one, two"),
         (
             ("taught/one.npz", "copy/one.npz", "-o", "d", "--format", "lerobot"),
             "would both be the episode one",
         ),
-        (("taught", "-o", "taught", "--format", "lerobot"), "taught exists: a dataset is written into"),
+        (("taught", "-o", "taught", "--format", "lerobot"), "taught exists: a dataset is written to a new"),
     ],
 )
 def test_what_does_not_fit_is_one_line(

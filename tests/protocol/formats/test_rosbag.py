@@ -171,7 +171,9 @@ def test_joints_come_in_their_order_and_a_slower_wrench_is_held(demonstration, t
     assert found.signals["force"][4:8, 0].tolist() == [-4.0, -4.0, -6.0, -6.0]
     assert (found.wrench_source, found.force_frame) == ("flange_sensor", "flange")
     assert found.up == (0.0, 1.0, 0.0)
-    with pytest.raises(RecordingError, match="Say force_frame in a mapping or --force-frame: base or flange"):
+    with pytest.raises(
+        RecordingError, match="State force_frame in a mapping or --force-frame: base or flange"
+    ):
         load_recording(bag, wrench_source=SENSOR, angle_unit="rad")
     stated = load_recording(bag, wrench_source=SENSOR, angle_unit="rad", force_frame="flange")
     assert stated.force_frame == "flange"
@@ -230,7 +232,7 @@ def an_arm_of_ur(_: Recording) -> list[ros.Message]:
     ("messages", "source", "mapping", "message"),
     [
         (an_arm_of_ur, None, None, r"has elbow_joint, shoulder_lift_joint.*from the base on, as joints"),
-        (ros.sensor_topics, None, None, r"/ft/wrench: where is this wrench measured\? Say wrench_source"),
+        (ros.sensor_topics, None, None, r"/ft/wrench: where is this wrench measured\? State wrench_source"),
         (in_a_frame_of_its_own, SENSOR, None, r"is the frame 'ft_link' that of the flange"),
         (two_arms, SENSOR, None, r"not one arm's 1 to 7; it has left_joint1.*right_joint7.*as joints in a"),
         (twice, SENSOR, None, r"/ft/wrench and /left/ft/wrench both carry force"),

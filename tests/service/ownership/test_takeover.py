@@ -359,7 +359,7 @@ def test_a_session_of_the_same_name_that_is_another_one_is_not_mixed_in(pair, mo
         b.registry.handle_command(STATION, other, 0.0)
     said = b.take()
     (failed,) = [out for out in said if isinstance(out, TakeoverFailed)]
-    assert "open as something else" in str(failed.error)
+    assert "open with another setting" in str(failed.error)
     assert b.next_seq == 0
 
 

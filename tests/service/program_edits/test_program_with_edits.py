@@ -222,7 +222,7 @@ def test_a_position_gets_a_name_and_loses_it_again():
         (ChangeApp(app=ref(pick_and_place()[0]), gripper_width=0.0), "'move to contact' moves no fingers"),
         (ChangeApp(app=ref(pick_and_place()[0]), tolerance_m=0.1), "'move to contact' has no path"),
         (ChangeApp(app=ref(pick_and_place()[1]), speed=0.5), "'grasp' is no movement in free space"),
-        (ChangeApp(app=ref(pick_and_place()[0])), "it states no field"),
+        (ChangeApp(app=ref(pick_and_place()[0])), "it changes no field"),
         (InsertApp(after=None, kind="apply_force"), "'apply force' needs a force"),
         (
             InsertApp(after=None, kind="apply_force", force=(0.0, 0.0, 0.0)),

@@ -175,7 +175,7 @@ def test_a_router_that_answers_again_is_tried_again():
     with RouterNetwork() as plain:
         found = diagnose_connection(f"tcp/127.0.0.1:{plain.port}", lambda _: None)
     assert not isinstance(found, AccessDenied)
-    assert "answers, and gave no session in time; try again" in str(found)
+    assert "answers, and opened no session in time; try again" in str(found)
 
 
 def test_a_bridge_does_not_wait_for_what_waiting_will_not_change(port, tmp_path, monkeypatch):

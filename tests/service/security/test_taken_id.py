@@ -58,7 +58,7 @@ def test_an_instance_whose_id_a_station_has_taken_ends_and_comes_in_with_another
                 hostile = opened(tmp_path / "bridge.cell-1.json5", **at_router, id=taken)
                 try:
                     line.flows = True
-                    with pytest.raises(NetworkError, match="keeps this one out: another client"):
+                    with pytest.raises(NetworkError, match="refuses this one: another client"):
                         running.result(DEADLINE_S)
                     with Service(config, pipeline_factory=make_fake_pipeline) as again:
                         assert again._edge.router_fault is None

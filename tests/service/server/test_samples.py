@@ -70,7 +70,7 @@ def test_the_api_gives_arrays_by_column(reader):
         ("from=0;to=9;bins=5000", "number of bins"),
         ("from=nan;to=9;bins=10", "from is not a finite number"),
         ("from=0;bins=10", "to is not a finite number"),
-        ("from=-1e300;to=9;bins=10", "from is absurd"),
+        ("from=-1e300;to=9;bins=10", "from is out of range"),
         ("from=1;to=1.000001;bins=1000", "narrower than a sample can be"),
         ("from=0;to=9;bins=10;columns=px,../etc", "not a column"),
         ("", "from is not a finite number"),

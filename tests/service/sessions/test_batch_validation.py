@@ -46,6 +46,6 @@ def test_the_greatest_value_beyond_the_limit_is_named(kind, sign):
         t0=0.0,
         samples=cells.tobytes(),
     )
-    with pytest.raises(ProtocolError, match="sample 8 of batch 4: c5 is absurd") as refused:
+    with pytest.raises(ProtocolError, match="sample 8 of batch 4: c5 is out of range") as refused:
         validated_samples(batch, columns, LIMITS)
     assert refused.value.value == pytest.approx(sign * 3 * LIMITS.value)

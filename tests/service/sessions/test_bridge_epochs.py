@@ -33,7 +33,7 @@ def test_the_conflict_of_two_openings_names_what_differs_and_nothing_else():
     session, _ = open_session()
     with pytest.raises(ProtocolError) as refusal:
         session.receive(opening().model_copy(update={"robot": "ur5e"}), 0.0)
-    assert refusal.value.message.endswith("open as something else: other robot")
+    assert refusal.value.message.endswith("open with another setting: robot")
     assert (refusal.value.value, refusal.value.expected) == ("robot 'ur5e'", "robot None")
 
 
@@ -56,7 +56,7 @@ def test_another_direction_than_that_of_the_session_is_a_conflict():
     session, first = open_session(bridge=FIRST, up=(0.0, 0.0, -1.0))
     assert answer(first).up == (0.0, 0.0, -1.0)
     for up in (None, (1.0, 0.0, 0.0)):
-        with pytest.raises(ProtocolError, match="open as something else: other up"):
+        with pytest.raises(ProtocolError, match="open with another setting: up"):
             session.receive(opening(bridge=FIRST, up=up), 0.0)
 
 

@@ -201,5 +201,5 @@ class _Connection:
     def _part(self) -> bytes:
         part = self._socket.recv(LONGEST_ANSWER)
         if not part:
-            raise ConnectionError("the URCap closed it")
+            raise ConnectionError("the URCap closed the connection")
         return part

@@ -97,7 +97,7 @@ def open_ur(
 def _do(what: str, command: Callable[[], bool]) -> None:
     """Execute a command. Raises SourceError if the controller does not carry it out."""
     if not connect_arm(what, command):
-        raise SourceError(f"{what}: the controller did not carry it out; is it in remote control?")
+        raise SourceError(f"{what}: the controller did not execute it; is it in remote control?")
 
 
 def _end_of_teaching(control: Any, receive: Any) -> Callable[[], None]:

@@ -112,7 +112,7 @@ def test_a_full_disk_leaves_no_half_recording_and_is_named(memory, tmp_path, cap
     with pytest.raises(Unreachable):
         end_unstored(memory, LiveSource(), tmp_path)
     assert list(tmp_path.iterdir()) == []
-    assert f"{tmp_path} does not take it: No space left on device" in caplog.text
+    assert f"{tmp_path} cannot be written: No space left on device" in caplog.text
 
 
 def test_an_end_that_the_service_refuses_for_good_says_why(memory):

@@ -362,12 +362,12 @@ class Bridge:
         try:
             path = save_unstored(self.station, self._open, batches, folder)
         except OSError as error:
-            why = f"{folder.absolute()} does not take it: {error.strerror or error}"
-            logger.error("%s: %s; the rest is lost, %s", name, lacking, why)
+            why = f"{folder.absolute()} cannot be written: {error.strerror or error}"
+            logger.error("%s: %s; the rest is lost: %s", name, lacking, why)
         else:
             since = f" from batch {batches[0].seq} on" if batches[0].seq else ""
             play = f"caesura bridge --station {self.station} --source file --file {path}"
-            logger.warning("%s: %s; they are kept%s, to be played by `%s`", name, lacking, since, play)
+            logger.warning("%s: %s; they are stored%s, play them with `%s`", name, lacking, since, play)
 
     def _unacknowledged(self) -> Unreachable:
         return Unreachable(

@@ -82,7 +82,7 @@ class Instance:
             self._silent_s += LOOK_S
             if self._silent_s < self._limit_s or self._process is None or self._over.is_set():
                 return
-            logger.error("%s gives no sign of life for %g s: killed", self.name, self._limit_s)
+            logger.error("%s has sent no heartbeat for %g s: killed", self.name, self._limit_s)
             self._process.kill()
             self._silent_s = 0.0
 
@@ -96,7 +96,7 @@ class Instance:
             try:
                 process.wait(PATIENCE_S)
             except subprocess.TimeoutExpired:
-                logger.error("%s does not leave: killed", self.name)
+                logger.error("%s does not end: killed", self.name)
                 process.kill()
         self._thread.join()
 

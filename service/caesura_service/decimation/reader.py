@@ -130,7 +130,7 @@ class SampleReader:
         try:
             self._source.keep_overview(key, overview.extent, overview.as_bytes())
         except JournalError as error:  # full, for example: it is made again when it is asked for
-            logger.warning("the overview of %s is not kept: %s", "/".join(key), error)
+            logger.warning("the overview of %s is not stored: %s", "/".join(key), error)
 
     def _read(self, key: Key, overview: SessionOverview, extent: SessionExtent, until: float) -> bool:
         if extent.last <= overview.read_up_to:

@@ -53,32 +53,32 @@ OF_STATION: tuple[tuple[str, str, Callable[[StationCounters], float]], ...] = (
     ("caesura_batches", "Batches processed.", lambda one: one.batches),
     ("caesura_samples", "Samples processed.", lambda one: one.samples),
     ("caesura_observations", "Observations on the segmentation grid.", lambda one: one.observations),
-    ("caesura_duplicates", "Batches that came again and were ignored.", lambda one: one.duplicates),
+    ("caesura_duplicates", "Duplicate batches, which are ignored.", lambda one: one.duplicates),
     ("caesura_repeats", "Samples ignored because their time did not advance.", lambda one: one.repeats),
     ("caesura_gaps", "Gaps declared in results.", lambda one: one.gaps),
     ("caesura_gap_seconds", "Session time that lies in gaps.", lambda one: one.gap_s),
-    ("caesura_lost", "Batches given up or refused; each lies in a gap.", lambda one: one.lost),
+    ("caesura_lost", "Batches declared lost, or refused; each is in a gap.", lambda one: one.lost),
     (
         "caesura_station_dropped",
-        "Batches for which the queue had no room; they are asked for again.",
+        "Batches dropped because the queue was full; they are requested again.",
         lambda one: one.dropped,
     ),
     (
         "caesura_station_work_seconds",
-        "Time of the thread that does the work that went into what the station sent.",
+        "Worker time spent on messages of the station.",
         lambda one: one.work_s,
     ),
-    ("caesura_replays", "Questions to the bridge for batches that were missing.", lambda one: one.replays),
+    ("caesura_replays", "Requests to the bridge for missing batches.", lambda one: one.replays),
 )
 
 # of each station's current session
 OF_SESSION: tuple[tuple[str, str, Callable[[SessionState], float]], ...] = (
-    ("caesura_session_open", "1 while the current session takes samples.", lambda one: one.is_open),
-    ("caesura_session_hypotheses", "Living hypotheses.", lambda one: one.view.hypotheses),
+    ("caesura_session_open", "1 while the current session is open.", lambda one: one.is_open),
+    ("caesura_session_hypotheses", "Hypotheses of the run-length filter.", lambda one: one.view.hypotheses),
     ("caesura_session_segments", "Segments found.", lambda one: len(one.view.segments)),
     (
         "caesura_session_waiting",
-        "1 while a batch is missing and asked for.",
+        "1 while a missing batch is requested.",
         lambda one: one.is_open and one.waiting_for is not None,
     ),
 )
@@ -88,31 +88,39 @@ OF_INSTANCE: tuple[tuple[type[Family], str, str, Callable[[ServiceStatus], float
     (
         CounterMetricFamily,
         "caesura_dropped",
-        "Batches for which the queue had no room; they are asked for again.",
+        "Batches dropped because the queue was full; they are requested again.",
         lambda one: one.dropped,
     ),
     (
         GaugeMetricFamily,
         "caesura_overloaded",
-        "1 while more arrives than it can do; said before anything is dropped.",
+        "1 while the instance is overloaded; set before a message is dropped.",
         lambda one: one.overloaded,
     ),
-    (GaugeMetricFamily, "caesura_queue_messages", "Messages that wait.", lambda one: one.queue),
+    (GaugeMetricFamily, "caesura_queue_messages", "Messages in the queue.", lambda one: one.queue),
     (
         GaugeMetricFamily,
         "caesura_queue_capacity_messages",
-        "Messages that may wait.",
+        "Capacity of the queue.",
         lambda one: one.queue_capacity,
     ),
 )
 
-CERTIFICATE_END = "When the certificate that it shows ends, since 1970; none without one."
-DISK_FREE = "What the disk of the journal has left; none where it is in memory."
+CERTIFICATE_END = "End of the certificate that it presents, since 1970; none without one."
+DISK_FREE = "Free space on the disk of the journal; none for a journal in memory."
 OF_JOURNAL: tuple[tuple[str, str, Callable[[JournalReport], float]], ...] = (
     ("caesura_journal_bytes", "Size of all sessions in the journal.", lambda one: one.size),
-    ("caesura_journal_limit_bytes", "Size past which closed sessions go.", lambda one: one.size_limit),
-    ("caesura_journal_waiting_bytes", "Not yet written.", lambda one: one.waiting),
-    ("caesura_journal_trouble", "1 while nothing can be written.", lambda one: one.trouble is not None),
+    (
+        "caesura_journal_limit_bytes",
+        "Size beyond which closed sessions are deleted.",
+        lambda one: one.size_limit,
+    ),
+    ("caesura_journal_waiting_bytes", "Records not yet written.", lambda one: one.waiting),
+    (
+        "caesura_journal_trouble",
+        "1 while the journal cannot be written.",
+        lambda one: one.trouble is not None,
+    ),
 )
 
 
@@ -163,13 +171,13 @@ class ServiceCollector(Collector):
             for station, state in current.items()
             if state.is_open
         }
-        help_text = "Since a batch of the open session last came, or since the start; none without one."
+        help_text = "Time since the last batch of the open session, or since the start; none without one."
         yield _labelled(
             GaugeMetricFamily("caesura_last_batch_age_seconds", help_text, labels=["station"]), ages
         )
         yield GaugeMetricFamily(
             "caesura_worker_age_seconds",
-            "Since the thread that does the work last came round.",
+            "Time since the worker's last cycle.",
             now - counters.stepped_s,
         )
 
@@ -179,7 +187,7 @@ class ServiceCollector(Collector):
             "caesura_budget_used_ratio", "Share of a station's budget that is used now.", labels=labels
         )
         refused = CounterMetricFamily(
-            "caesura_budget_refused", "Messages held back because a budget was used up.", labels=labels
+            "caesura_budget_refused", "Messages refused because a budget was used up.", labels=labels
         )
         for station in sorted(index.sessions):
             for use, budget in self._observed.budgets(station):
@@ -211,7 +219,7 @@ def _info(status: ServiceStatus) -> Metric:
         "protocol": ROOT,
         "journal": status.journal.kind if status.journal else "none",
     }
-    return InfoMetricFamily("caesura", "What this is.", labels)
+    return InfoMetricFamily("caesura", "Name and version of the instance.", labels)
 
 
 def _disk_free(journal: JournalReport) -> Metric:
@@ -234,7 +242,7 @@ def _refused(status: ServiceStatus) -> Metric:
 
 
 def _sessions(status: ServiceStatus, index: SessionIndex) -> Iterator[Metric]:
-    family = GaugeMetricFamily("caesura_sessions", "Sessions that can be asked for.", labels=["state"])
+    family = GaugeMetricFamily("caesura_sessions", "Sessions that can be queried.", labels=["state"])
     yield _labelled(family, {"open": status.sessions_open, "closed": status.sessions_closed})
     yield GaugeMetricFamily("caesura_stations", "Stations with sessions here.", len(index.sessions))
 

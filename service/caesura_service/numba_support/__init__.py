@@ -15,7 +15,7 @@ def has_kernels() -> bool:
     try:
         import numba  # noqa: F401, PLC0415
     except ImportError:
-        logger.warning("numba is not installed: segmentation is slow; the extra 'service' has it")
+        logger.warning("numba is not installed: segmentation is slow; install the extra 'service'")
         return False
     return True
 

@@ -146,7 +146,9 @@ class AppendLog:
             self._blocks += [self._spool.put(bytes(tail[at : at + size])) for at in range(0, whole, size)]
         except OSError as error:
             if self._full == 2 * size:
-                logger.warning("what sessions keep stays in memory, no file takes it: %s", error)
+                logger.warning(
+                    "observations of sessions stay in memory, the overflow file cannot be written: %s", error
+                )
             self._full = len(tail) + size
         else:
             self._tail, self._full = (first + whole, tail[whole:]), 2 * size

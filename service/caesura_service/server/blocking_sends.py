@@ -81,7 +81,9 @@ class Lanes:
             thread.start()
         except RuntimeError as error:
             if self._log_rate.allows(""):
-                logger.error("answers may be late: %s: look for memory and limits of this process", error)
+                logger.error(
+                    "answers may be late (%s): check the memory and the limits of this process", error
+                )
         else:
             self._threads.append(thread)
 

@@ -166,7 +166,7 @@ def _join_as_client(
 ) -> zenoh.Session:
     _insert(config, _as_client(router))
     if not exposure.is_local(router) and exposure.presented_credentials(router, _reader(config)) == "nothing":
-        logger.warning("%s is another machine, and no certificate or password is shown to it", router)
+        logger.warning("%s is another machine, and no certificate or password is presented to it", router)
     return _connect(config, router, settings, stop)
 
 
@@ -279,7 +279,7 @@ def _connect(
             if time.monotonic() >= deadline:
                 raise NetworkError(str(diagnose_connection(endpoint, _reader(config)))) from error
         if not said:
-            logger.warning("%s; trying until there is one", diagnose_connection(endpoint, _reader(config)))
+            logger.warning("%s; retrying until there is one", diagnose_connection(endpoint, _reader(config)))
             said = True
 
 

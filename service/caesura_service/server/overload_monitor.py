@@ -59,7 +59,7 @@ class OverloadMonitor(BackgroundThread):
             )
         else:
             dropped = self._queue.dropped - self._dropped
-            logger.warning("no longer overloaded; %d messages were dropped and are asked for again", dropped)
+            logger.warning("no longer overloaded; %d messages were dropped and are requested again", dropped)
 
 
 def _named(source: str) -> str:

@@ -150,7 +150,7 @@ class QueryServer(AnsweringThread):
     def _admit_command(self, query: IncomingQuery) -> Iterator[None]:
         command = CommandReceived(content_of_query(query), query)
         if self._opens_new_session(command.content):
-            why = "more arrives than can be done: no new sessions until that is over, try again"
+            why = "the service is overloaded, and accepts no new session until that is over: try again"
             fill, limit = round(self._work_queue.fill_ratio(), 2), self._work_queue.overloaded_at
             self._reject_command(query, ProtocolError("overloaded", why, value=fill, limit=limit))
         else:

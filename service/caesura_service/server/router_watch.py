@@ -21,8 +21,8 @@ logger = logging.getLogger(__name__)
 PAUSE_S = 5.0  # between two declarations
 STUCK_S = 30.0  # that a declaration takes at most; of 64 stations at once each takes milliseconds
 WHY_STUCK = (
-    "the router accepts no declaration, so no further client can begin: it compares a key expression of a "
-    "client, such as one with many `$*`; end that client, and restart the service if it does not recover"
+    "the router accepts no declaration, so no further client can connect: it is busy with a key expression "
+    "of a client, such as one with many `$*`. End that client, and restart the service if it does not recover"
 )
 
 

@@ -205,7 +205,7 @@ class StationManager:
         if self._last_error != str(error):
             self._last_error = str(error)
             fields = {"station": station}
-            logger.error("%s is not taken over, it is tried again: %s", station, error, extra=fields)
+            logger.error("%s could not be taken over, which is tried again: %s", station, error, extra=fields)
 
     # --- whose stations are whose -----------------------------------------------------------------------
 
@@ -253,7 +253,7 @@ class StationManager:
         self._cancel_takeover(station)  # first: one that fails is queued again
         self._queue.pop(station, None)
         self._registry.release(station)
-        logger.info("%s is let go of", station, extra={"station": station})
+        logger.info("%s is released", station, extra={"station": station})
 
     def _cancel_takeover(self, station: str) -> None:
         if station in self._takeovers.stations:

@@ -191,7 +191,7 @@ class Worker(BackgroundThread):
             step(*given)
         except Exception:
             if self._log_rate.allows(_log_key(*given)):
-                logger.exception("an arrival was lost to an error of the service")
+                logger.exception("an event was lost to an error of the service")
 
     def _process(self, arrival: StationArrival) -> None:
         self.messages += len(arrival.block.payloads) if isinstance(arrival, BatchesReceived) else 1
@@ -285,7 +285,7 @@ class Worker(BackgroundThread):
                     )
                 case SessionDeleted(station, session, why):
                     fields = {"station": station, "session": session}
-                    logger.info("%s/%s is no longer kept: %s", station, session, why, extra=fields)
+                    logger.info("%s/%s is deleted: %s", station, session, why, extra=fields)
                 case TakeoverFailed(station, session, error):
                     fields = {"station": station, "session": session}
                     logger.error("%s/%s was not rebuilt", station, session, exc_info=error, extra=fields)

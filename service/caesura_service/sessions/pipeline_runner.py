@@ -300,8 +300,8 @@ class PipelineHost:
                     corrections = corrections.as_anew()
                 pipeline = self._pipeline.corrected(corrections.active)
                 logger.warning(
-                    "%s/%s: the journal has no result of the edit of revision %d by %s, as older versions "
-                    "wrote it: it is resolved anew, perhaps otherwise",
+                    "%s/%s: the journal has no result of the edit of revision %d by %s: an older version "
+                    "wrote it. It is resolved again, and may differ",
                     self.state.station,
                     self.state.session,
                     edit.revision,

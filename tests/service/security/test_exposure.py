@@ -179,7 +179,7 @@ def test_a_client_that_shows_nothing_to_another_machine_is_warned(caplog):
     stop.set()
     with pytest.raises(NetworkError):
         join(NetworkSettings(connect="tcp/nowhere.invalid:7447"), stop)
-    assert "no certificate or password is shown" in caplog.text
+    assert "no certificate or password is presented" in caplog.text
 
 
 @pytest.mark.parametrize("where", ["connect", "listen"])

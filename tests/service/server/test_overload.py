@@ -135,7 +135,9 @@ def test_overload_is_reported_before_anything_is_dropped_and_everything_is_recov
 def test_while_it_lasts_new_sessions_are_refused_at_once_and_with_the_reason(service, peer, gate):
     peer.command(opening())
     flood(peer)
-    with pytest.raises(ProtocolError, match="no new sessions until that is over, try again") as refused:
+    with pytest.raises(
+        ProtocolError, match="accepts no new session until that is over: try again"
+    ) as refused:
         peer.command(opening("s2"))
     assert (refused.value.code, refused.value.limit) == ("overloaded", QUEUE.overloaded_at)
     assert refused.value.value >= 1.0

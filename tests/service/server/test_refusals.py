@@ -217,7 +217,7 @@ def test_internal_errors_that_a_station_causes_are_logged_once_in_a_while(peer, 
             peer.control(b"\xc1", CONTROL)
     peer.until_service(lambda status: status.messages >= 203)
     assert [record.message for record in caplog.records if record.exc_info] == [
-        "an arrival was lost to an error of the service"
+        "an event was lost to an error of the service"
     ] * 2  # of samples, and of commands
 
 

@@ -145,7 +145,7 @@ def test_a_station_is_taken_over_once_the_journal_can_be_read(floor, peer, monke
             assert accepted(peer, closing(0), station).state == "closed"
             eventually(lambda: holds(east))
             monkeypatch.setattr(SqliteJournal, "copies", unreadable)
-        eventually(lambda: f"{station} is not taken over" in caplog.text)
+        eventually(lambda: f"{station} could not be taken over" in caplog.text)
         with pytest.raises(ProtocolError, match=r"(being taken over|cannot be read): try again"):
             eventually(lambda: bool(reply_to(peer, opening("s2"), station)))
         monkeypatch.undo()

@@ -151,7 +151,7 @@ class LiveArm:
             if over is not None:
                 over()
         except Exception as error:  # an arm that is lost takes no command, and why it was lost counts
-            logger.warning("%s: its end was not carried out: %s", self._who, _error_text(error))
+            logger.warning("%s: it could not be ended in order: %s", self._who, _error_text(error))
 
     def _next(self, after_s: float) -> ArmState:
         if self._gripper is not None and self._gripper.failure is not None:

@@ -40,7 +40,7 @@ from caesura_service.segmentation.pipeline import SegmentationPipeline
 from caesura_service.segmentation.segmenter import Segmenter
 from caesura_service.server import worker
 from caesura_service.server.batch_collector import BatchCollector
-from caesura_service.server.inbound import RawPayload
+from caesura_service.server.inbound_events import RawPayload
 from caesura_service.server.outbound import key_of
 from caesura_service.sessions import batch_receiver
 from caesura_service.sessions.limits import Limits

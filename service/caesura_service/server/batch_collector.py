@@ -17,7 +17,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from caesura_service.server.inbound import RawPayload
+from caesura_service.server.inbound_events import RawPayload
 from caesura_service.server.network_interface import Payload
 from caesura_service.sessions.same_layout_batches import ENCODING, BatchBlock, BatchLayout
 from caesura_service.sessions.session import Awaited

@@ -10,7 +10,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_service_key, parse_station_key, service_key, station_key
 from caesura_protocol.transport.inbox import TokenChange
 from caesura_service.server.budgets import Budgets
-from caesura_service.server.inbound import Arrival, LivelinessChanged
+from caesura_service.server.inbound_events import Arrival, LivelinessChanged
 from caesura_service.server.network_interface import TOKENS, Channel, Network, received
 from caesura_service.server.work_queue import WorkQueue
 

@@ -38,7 +38,7 @@ from caesura_protocol.transport.transport_interface import Priority, nothing_fou
 from caesura_service.publishing.events import Publish, RequestReplay
 from caesura_service.server.blocking_sends import Lanes
 from caesura_service.server.budgets import Budgets
-from caesura_service.server.inbound import (
+from caesura_service.server.inbound_events import (
     Arrival,
     BatchesReceived,
     PendingReplay,

@@ -11,7 +11,7 @@ from collections.abc import Callable, Set
 from typing import Any
 
 from caesura_service.server.background_thread import BackgroundThread
-from caesura_service.server.inbound import station_of
+from caesura_service.server.inbound_events import station_of
 from caesura_service.server.work_queue import WHOLE, WorkQueue
 
 logger = logging.getLogger(__name__)

@@ -41,7 +41,7 @@ from caesura_service.publishing.session_state import (
 )
 from caesura_service.server.answering_thread import AnsweringThread
 from caesura_service.server.budgets import Budgets
-from caesura_service.server.inbound import (
+from caesura_service.server.inbound_events import (
     UNKNOWN,
     Arrival,
     CommandReceived,

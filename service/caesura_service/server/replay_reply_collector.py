@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from caesura_service.server.inbound import RawPayload
+from caesura_service.server.inbound_events import RawPayload
 from caesura_service.sessions.same_layout_batches import ENCODING, BatchBlock, BatchLayout
 
 MOST = 16  # batches of a block

@@ -24,7 +24,7 @@ from caesura_service.ownership.registry import Registry
 from caesura_service.ownership.station_assignment import stations_of
 from caesura_service.ownership.takeovers_in_turns import TakeoversInTurns
 from caesura_service.publishing.events import Output, TakeoverFailed
-from caesura_service.server.inbound import LivelinessChanged, RouterLinkChanged, Watching
+from caesura_service.server.inbound_events import LivelinessChanged, RouterLinkChanged, Watching
 from caesura_service.server.live_tokens import LiveTokens
 from caesura_service.server.membership import Membership
 

@@ -10,7 +10,7 @@ from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.journal import JournalError, Key
 from caesura_service.ownership.stored_sessions import StoredSessions
 from caesura_service.server.answering_thread import AnsweringThread
-from caesura_service.server.inbound import UNKNOWN, session_of_query
+from caesura_service.server.inbound_events import UNKNOWN, session_of_query
 from caesura_service.server.outbound import answering, reply_error, reply_message, reply_nothing
 
 QUERIES = 64  # that may wait; a quarter of them in one lane

@@ -37,7 +37,7 @@ from caesura_service.publishing.events import (
 )
 from caesura_service.server.background_thread import BackgroundThread
 from caesura_service.server.budgets import Budgets
-from caesura_service.server.inbound import (
+from caesura_service.server.inbound_events import (
     NETWORK,
     UNKNOWN,
     Arrival,

@@ -30,7 +30,7 @@ from caesura_service.server.batch_collector import BatchCollector
 from caesura_service.server.blocking_sends import Lanes
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.channel_poller import ChannelPoller
-from caesura_service.server.inbound import (
+from caesura_service.server.inbound_events import (
     UNKNOWN,
     Arrival,
     BatchesReceived,

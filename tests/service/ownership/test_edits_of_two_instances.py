@@ -27,7 +27,7 @@ from caesura_service.journal import AppliedEdit, Record
 from caesura_service.publishing.events import TakeoverFailed
 from caesura_service.publishing.session_state import program_of, status_of
 from caesura_service.segmentation.corrections import EditHistory, ResolvedEdit
-from caesura_service.server.inbound import LivelinessChanged, Watching
+from caesura_service.server.inbound_events import LivelinessChanged, Watching
 from caesura_service.server.live_tokens import LiveTokens
 from caesura_service.server.station_manager import StationManager
 from harness.sessions import (

@@ -14,7 +14,7 @@ from caesura_service.cooperative_scheduler import give_way
 from caesura_service.journal import JournalError, JournalShareError, Record
 from caesura_service.ownership.takeover import NotRecordedError
 from caesura_service.publishing.events import Output, TakeoverFailed
-from caesura_service.server.inbound import LivelinessChanged, RouterLinkChanged, Watching
+from caesura_service.server.inbound_events import LivelinessChanged, RouterLinkChanged, Watching
 from caesura_service.server.live_tokens import LiveTokens
 from caesura_service.server.station_manager import TAKEOVER, StationManager
 from harness.sessions import NAME, STATION

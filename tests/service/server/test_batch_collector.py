@@ -32,7 +32,7 @@ from caesura_service.monitoring.instrumented_registry import InstrumentedRegistr
 from caesura_service.publishing.events import Output
 from caesura_service.publishing.session_state import snapshot_of
 from caesura_service.server.batch_collector import HOLD_S, MISSES, MOST, SOURCES, BatchCollector
-from caesura_service.server.inbound import RawPayload
+from caesura_service.server.inbound_events import RawPayload
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.same_layout_batches import BatchBlock
 from caesura_service.sessions.session import Awaited

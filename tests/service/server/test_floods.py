@@ -20,7 +20,7 @@ from caesura_protocol.transport.transport_interface import NOTHING
 from caesura_service.app import Service
 from caesura_service.server import query_server
 from caesura_service.server.budgets import Budgets
-from caesura_service.server.inbound import Arrival, LivelinessChanged
+from caesura_service.server.inbound_events import Arrival, LivelinessChanged
 from caesura_service.server.live_tokens import TokenChanges
 from caesura_service.server.memory_network import in_memory
 from caesura_service.server.rate_limit_settings import RateLimits

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from caesura_protocol.codec import encode, pack_samples
-from caesura_service.server.inbound import RawPayload
+from caesura_service.server.inbound_events import RawPayload
 from caesura_service.server.replay_reply_collector import MOST, ReplayBlocks
 
 KEY = "caesura/v1/station/cell-1/samples"

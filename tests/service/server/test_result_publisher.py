@@ -11,7 +11,7 @@ import zenoh
 from caesura_service.publishing.events import RequestReplay
 from caesura_service.server.blocking_sends import Lanes
 from caesura_service.server.budgets import Budgets
-from caesura_service.server.inbound import Arrival, ReplayFinished
+from caesura_service.server.inbound_events import Arrival, ReplayFinished
 from caesura_service.server.key_publishers import KeyPublishers
 from caesura_service.server.outbound import REPLAYS, ResultPublisher
 from caesura_service.server.rate_limit_settings import RateLimits

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from caesura_clients.dashboard import program_edits
-from caesura_clients.dashboard.conflicts import EditConflict
 from caesura_clients.dashboard.correction_requests import EditRefused
+from caesura_clients.dashboard.edit_conflicts import EditConflict
 from caesura_clients.dashboard.program_edits import CHECKED, ProgramDesk, parse
 from caesura_clients.dashboard.program_timeline import Timeline
 from caesura_clients.program_editing import reference

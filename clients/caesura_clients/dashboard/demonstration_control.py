@@ -10,8 +10,8 @@ from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from caesura_clients.dashboard.conflicts import ATTEMPTS, redescribed
 from caesura_clients.dashboard.correction_requests import EditRefused, said
+from caesura_clients.dashboard.edit_conflicts import ATTEMPTS, redescribed
 from caesura_clients.dashboard.station_summary import DashboardState
 from caesura_clients.demonstration_control import ask_bridge
 from caesura_clients.query import snapshot

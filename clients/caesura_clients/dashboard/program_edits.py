@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from caesura_clients.dashboard.conflicts import ATTEMPTS, edited_again
 from caesura_clients.dashboard.correction_requests import EditRefused, refused
+from caesura_clients.dashboard.edit_conflicts import ATTEMPTS, edited_again
 from caesura_clients.dashboard.program_form_values import shown_numbers, shown_texts
 from caesura_clients.program_editing import FIELD_WORDS, in_words, outcome_words, reference
 from caesura_clients.query import snapshot

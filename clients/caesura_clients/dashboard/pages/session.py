@@ -10,10 +10,10 @@ from nicegui import background_tasks, run, ui
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
-from caesura_clients.dashboard.conflicts import EditConflict
 from caesura_clients.dashboard.correction_requests import EditRefused, correct, preview
 from caesura_clients.dashboard.demonstration_control import controls, description_of
 from caesura_clients.dashboard.drawing_updates import run_lengths
+from caesura_clients.dashboard.edit_conflicts import EditConflict
 from caesura_clients.dashboard.hint_banner import banner_of
 from caesura_clients.dashboard.network_follower import STATIONS
 from caesura_clients.dashboard.nicegui_elements import (

@@ -17,7 +17,7 @@ from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentMo
 from caesura_service.changepoint.smoothed_probabilities import INTERVAL_REACH
 
 INTERVAL_PROBABILITY = 0.9
-PLACE_STEPS = 0.9  # by which a boundary may lie from the middle between two observations (`boundary_place`)
+PLACE_STEPS = 0.9  # by which a boundary may lie from the middle between two observations (`boundary_time`)
 TURNING = "turning"
 MOST_ODDS = 700.0  # log, against a kind: the exponential of more is infinite
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from caesura_service.constants import GRID_HZ, HANDS_BREADTH_M, UP
 from caesura_service.signals.backend import Backend, best
-from caesura_service.signals.boundary_place import RecentRows
+from caesura_service.signals.boundary_time import RecentRows
 from caesura_service.signals.flange_pose_and_force import columns_of, flange_rows
 from caesura_service.signals.grid_resampler import MAX_WAITING_SAMPLES, NOTHING, Block, GridState, Resampler
 from caesura_service.signals.gripper_events import (

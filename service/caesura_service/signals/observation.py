@@ -95,7 +95,7 @@ def observation_of(
     """Make an observation of a tared flange row (c,).
 
     force: (3,) [N] less its tracked bias, of scale bias_n [N]; None where none is tracked. boundary_before
-    [s]: see `boundary_place`.
+    [s]: see `boundary_time`.
     """
     filtered.velocity.setflags(write=False)
     if filtered.between is not None:

@@ -1,7 +1,7 @@
 """Checks of a task program before a run: a program that cannot be run is refused before the robot moves.
 
 There are seven checks, one module each. Six need no robot and are in `caesura_protocol.programs.checks`:
-`speed_factor` of re-timed apps, `value_ranges` of each app, `gripper_capability`, `preconditions` of each
+`timing` of re-timed apps, `value_ranges` of each app, `gripper_capability`, `preconditions` of each
 app, `workspace` of targets, and `fidelity` to the demonstration; the last two need finite numbers. If none of
 their numbers is out of range, `reachability` checks the arm: joints, inverse kinematics along the path, and
 obstacles.

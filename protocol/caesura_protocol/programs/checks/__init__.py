@@ -13,7 +13,7 @@ from caesura_protocol.programs.checks.findings import Finding
 from caesura_protocol.programs.checks.gripper_capability import gripper_findings
 from caesura_protocol.programs.checks.mounting import mounting_findings
 from caesura_protocol.programs.checks.preconditions import order_findings
-from caesura_protocol.programs.checks.speed_factor import timing_findings
+from caesura_protocol.programs.checks.timing import timing_findings
 from caesura_protocol.programs.checks.value_ranges import are_numbers_finite, value_findings
 from caesura_protocol.programs.checks.workspace import workspace_findings
 from caesura_protocol.programs.document import ProgramFile

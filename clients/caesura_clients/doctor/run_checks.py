@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from caesura_clients.doctor import service_checks, signal, stations
+from caesura_clients.doctor import service_checks, signal_checks, station_checks
 from caesura_clients.doctor.endpoint_check import check_certificate, check_endpoint, no_session
 from caesura_clients.doctor.findings import CheckResult, graded
 from caesura_clients.doctor.probes import ProbeResult, probe_network
@@ -66,9 +66,9 @@ def judge(probed: ProbeResult, station: str = "*") -> Iterator[CheckResult]:
     yield from service_checks.check_owners(probed)
     for reported in probed.reported:
         yield from service_checks.check_instance(reported)
-    known = stations.stations_of(probed)
+    known = station_checks.stations_of(probed)
     for one in known:
-        yield from stations.check_station(one)
+        yield from station_checks.check_station(one)
     if station != "*" and not known:
         remedy = f"start its bridge: caesura bridge --station {station} …; or check the name"
         found = f"neither a bridge nor a session; stations that are: {', '.join(probed.others) or 'none'}"
@@ -79,7 +79,7 @@ def judge(probed: ProbeResult, station: str = "*") -> Iterator[CheckResult]:
 
 def examine_recording(recording: Recording) -> Iterator[CheckResult]:
     """Yield the checks of a recording, with its samples in file order."""
-    units = list(signal.check_units(recording))
+    units = list(signal_checks.check_units(recording))
     yield from units
     if units:
         return  # figures in a wrong unit mean nothing
@@ -93,13 +93,13 @@ def examine_recording(recording: Recording) -> Iterator[CheckResult]:
     else:
         for caution in recording.cautions:
             yield CheckResult("warn", "reading", caution, "look at the values, and at what wrote them")
-        yield from signal.check_rate(recording)
-    yield signal.check_signals(recording)
+        yield from signal_checks.check_rate(recording)
+    yield signal_checks.check_signals(recording)
     yield from _check_wrench(recording)
-    yield from signal.check_noise(recording)
+    yield from signal_checks.check_noise(recording)
     force = recording.signals.get("force")
     start = recording.t <= recording.t[0] + TARE_S
-    yield from signal.check_bias(None if force is None else np.asarray(force[start].mean(axis=0)))
+    yield from signal_checks.check_bias(None if force is None else np.asarray(force[start].mean(axis=0)))
 
 
 def _refused_clock(recording: Recording) -> CheckResult | None:
@@ -121,7 +121,7 @@ def _check_wrench(recording: Recording) -> Iterator[CheckResult]:
     if source is None:
         yield CheckResult("warn", "wrench", ASSUMED, f"expected one of {', '.join(WRENCH_SOURCES)}")
     else:
-        remedy = stations.wrench_remedy(source, hand)
-        shown = stations.shows_contact(source, hand)
+        remedy = station_checks.wrench_remedy(source, hand)
+        shown = station_checks.shows_contact(source, hand)
         found = f"source {source}, hand on the robot: {hand}; contact and load are {'on' if shown else 'off'}"
         yield graded("wrench", found, (not shown, "warn", remedy))

@@ -10,7 +10,7 @@ import numpy as np
 
 from caesura_clients.doctor.findings import Case, CheckResult, first_of, graded
 from caesura_clients.doctor.probes import ProbeResult, ReceivedStatus
-from caesura_clients.doctor.signal import (
+from caesura_clients.doctor.signal_checks import (
     CheckedSamples,
     check_bias,
     check_samples,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from caesura_clients.doctor.run_checks import examine_recording
-from caesura_clients.doctor.signal import CheckedSamples, cells_at_rest, check_samples
+from caesura_clients.doctor.signal_checks import CheckedSamples, cells_at_rest, check_samples
 from caesura_protocol.recording import Recording
 from clients.doctor.judged import grades, said
 

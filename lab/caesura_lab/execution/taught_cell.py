@@ -20,6 +20,7 @@ from caesura_lab.teacher.level_surface_contact import Surface
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.person import THESIS, Person
 from caesura_lab.teacher.scenarios import Scenario, Step
+from caesura_protocol.app_contacts import ends_in_contact
 from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import App, Quaternion, Vector
@@ -28,7 +29,6 @@ from caesura_protocol.programs.contact_forces import without_friction
 from caesura_protocol.programs.program_gripper import GRIP_REACH_M
 from caesura_protocol.reproduced_path import knots_of
 from caesura_protocol.rotations import matrix_of
-from caesura_protocol.set_downs import ends_in_contact
 
 AROUND_M = 0.02  # of a surface beyond what is touched of it
 COMPLIANT_M = 0.012  # from which depth on what is pressed gives way

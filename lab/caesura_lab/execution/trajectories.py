@@ -6,6 +6,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from caesura_lab.teacher.motion_profiles import Array
+from caesura_protocol.app_contacts import ends_in_contact
 from caesura_protocol.messages import App
 from caesura_protocol.programs.contact_forces import touching_force
 from caesura_protocol.programs.safety import Safety
@@ -18,7 +19,6 @@ from caesura_protocol.rotations import (
     quaternion_of,
     turned_along,
 )
-from caesura_protocol.set_downs import ends_in_contact
 
 ALIGNED = 0.7  # cosine between tool and force, above which the tool's axis is the direction of a press
 ASTRAY_M = 0.01  # from where a path was taught to start

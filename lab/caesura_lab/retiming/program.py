@@ -38,6 +38,7 @@ from caesura_lab.execution.trajectories import (
 from caesura_lab.path_distance import furthest
 from caesura_lab.retiming.limits import MotionLimits, limits_of, poses_at, slowdown
 from caesura_lab.retiming.time_law import UNLIMITED, Ceiling, Planned, TimeLawError, fastest
+from caesura_protocol.app_contacts import ends_in_contact
 from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.messages import App, ViaPoint
 from caesura_protocol.programs.app_time_shifts import TURNED_M, may_retime, moved
@@ -47,7 +48,6 @@ from caesura_protocol.programs.program_speed import retimed
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.reproduced_path import Curve, curve_of, unit
 from caesura_protocol.rotations import angular_velocities, matrix_of
-from caesura_protocol.set_downs import ends_in_contact
 from caesura_service.robot import ReachError, Robot, load_robot
 
 Array = NDArray[np.float64]

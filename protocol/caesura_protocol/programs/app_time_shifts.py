@@ -13,10 +13,10 @@ from itertools import pairwise
 from operator import itemgetter
 from typing import NamedTuple, TypeVar
 
+from caesura_protocol.app_contacts import ends_in_contact, is_resisted
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, AppPath, DeleteApp, Gap, ProgramEdit, ReplacePart, Vector
 from caesura_protocol.reproduced_path import turn_of
-from caesura_protocol.set_downs import ends_in_contact, is_resisted
 
 SHIFT_S = 2.0**-20
 TURNED_M = 0.1  # a turn by a radian counts as so many metres

@@ -18,6 +18,7 @@ from xml.etree import ElementTree as Xml
 
 import numpy as np
 
+from caesura_protocol.app_contacts import ends_in_contact
 from caesura_protocol.app_force_limit import is_path_limited
 from caesura_protocol.app_kinds import APP_KINDS, AppKind, app_number, step_title
 from caesura_protocol.messages import AppPath
@@ -32,7 +33,6 @@ from caesura_protocol.programs.script_templates import findings_by_app, texts_of
 from caesura_protocol.reproduced_path import turning_at_points
 from caesura_protocol.robots import GripperDescription, GripperError, RobotError
 from caesura_protocol.screw_torque_and_text import torque_about_axis
-from caesura_protocol.set_downs import ends_in_contact
 
 DOUBLE, DOUBLES = "double", "std::vector<double>"
 TREE = "Task"

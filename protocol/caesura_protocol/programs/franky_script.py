@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from caesura_protocol.app_contacts import ends_in_contact
 from caesura_protocol.app_force_limit import is_path_limited
 from caesura_protocol.app_kinds import APP_KINDS, app_name, step_title
 from caesura_protocol.messages import Vector
@@ -29,7 +30,6 @@ from caesura_protocol.programs.script_templates import (
 )
 from caesura_protocol.reproduced_path import turn_of, turning_at_points
 from caesura_protocol.screw_torque_and_text import stop_torque_nm
-from caesura_protocol.set_downs import ends_in_contact
 
 FIELDS = ("target", "orientation", "joints", "force", "force_taught", "load_kg", "gripper_width")
 DIGITS = 6

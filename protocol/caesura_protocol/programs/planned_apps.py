@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from caesura_protocol.app_contacts import ends_in_contact
 from caesura_protocol.app_kinds import app_name
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.app_time_shifts import rest_newtons, rests_of
@@ -14,7 +15,6 @@ from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.program_gripper import GRIPS
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.straight_legs import Leg, Quaternion, straight_legs
-from caesura_protocol.set_downs import ends_in_contact
 
 STANDOFF_M = 0.02  # before a contact, from where it is looked for slowly
 ROUNDING_M = 1e-6

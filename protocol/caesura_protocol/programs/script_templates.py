@@ -11,6 +11,7 @@ from pprint import pformat
 from textwrap import indent
 from typing import Any
 
+from caesura_protocol.app_contacts import ends_in_contact
 from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.messages import App
 from caesura_protocol.programs.apps_by_phase import groups_by_first
@@ -20,7 +21,6 @@ from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.program_gripper import GRIP_REACH_M
 from caesura_protocol.robots import RobotDescription, robot_description
 from caesura_protocol.session_time_display import clock_from
-from caesura_protocol.set_downs import ends_in_contact
 
 NO_ROBOT = (
     "the program states no robot, so whether these poses are those of this arm is not known: state it with "

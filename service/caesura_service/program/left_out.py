@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_protocol.app_contacts import ends_in_contact, is_resisted
 from caesura_protocol.app_force_limit import exerted_forces
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, Segment, Vector
@@ -29,7 +30,6 @@ from caesura_protocol.programs.checks.fidelity import (
 )
 from caesura_protocol.programs.program_gripper import GRIPS
 from caesura_protocol.rotations import align_signs, angle_between
-from caesura_protocol.set_downs import ends_in_contact, is_resisted
 from caesura_protocol.up_direction import UP
 from caesura_service.constants import GRAVITY, REST_M_PER_S
 from caesura_service.program.carried_loads import hangs

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from caesura_protocol.app_contacts import is_resisted
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.number_words import fixed, interval
-from caesura_protocol.set_downs import is_resisted
 from caesura_protocol.up_direction import UP
 from caesura_service.constants import GRAVITY
 from caesura_service.program.program_segment import UNLIKE_N, MomentAt, observed

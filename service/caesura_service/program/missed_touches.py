@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_protocol.app_contacts import is_resisted
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App
 from caesura_protocol.number_words import fixed, interval
-from caesura_protocol.set_downs import is_resisted
 from caesura_service.constants import TARED_BIAS_N
 from caesura_service.program.largest_parts import largest_parts
 from caesura_service.program.program_segment import OBSERVED_S, ROUNDED_S, MomentAt, observed

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from caesura_protocol.app_contacts import is_resisted
 from caesura_protocol.messages import App, Segment, Vector
 from caesura_protocol.programs.app_time_shifts import may_retime
 from caesura_protocol.programs.checks.preconditions import order_findings
-from caesura_protocol.set_downs import is_resisted
 from caesura_service.program import (
     GripperAction,
     Moment,

@@ -14,6 +14,7 @@ from caesura_lab.execution.joint_speeds import JOINT_SHARE, fastest_joint
 from caesura_lab.execution.trajectories import app_path, press_direction
 from caesura_lab.teacher.guided_arm import lever_along
 from caesura_lab.teacher.motion_profiles import Array
+from caesura_protocol.app_contacts import ends_in_contact
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.checks.findings import Finding
@@ -22,7 +23,6 @@ from caesura_protocol.programs.contact_forces import touching_force
 from caesura_protocol.programs.safety import PLANNED_SHARE
 from caesura_protocol.reproduced_path import Curve
 from caesura_protocol.rotations import matrix_of, quaternion_of
-from caesura_protocol.set_downs import ends_in_contact
 from caesura_service.robot import Robot
 
 REACH_M, REACH_RAD = 1e-3, 1e-2

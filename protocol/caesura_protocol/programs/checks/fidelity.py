@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from caesura_protocol.app_contacts import ends_in_contact, is_resisted
 from caesura_protocol.app_force_limit import LEAST_PRESS_N, exerted_forces, force_in_words
 from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.messages import App, Gap, Vector, ViaPoint, WrenchReport
@@ -28,7 +29,6 @@ from caesura_protocol.programs.program_gripper import GRIP_REACH_M, GRIPS, SURE_
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
 from caesura_protocol.rotations import angle_between
-from caesura_protocol.set_downs import ends_in_contact, is_resisted
 from caesura_protocol.up_direction import GRAVITY, UP
 
 UNEVEN_SHARE = 0.15  # of a force, by which one beside it is another force

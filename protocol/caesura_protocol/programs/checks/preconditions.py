@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from caesura_protocol.app_contacts import ends_in_contact, is_resisted
 from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.messages import App, Quaternion
 from caesura_protocol.number_words import fixed
@@ -16,7 +17,6 @@ from caesura_protocol.programs.checks.findings import Finding, in_mm
 from caesura_protocol.programs.held_grasps import HeldGrasps, eases, held_grasps, is_regrip
 from caesura_protocol.programs.program_gripper import SHUT_M
 from caesura_protocol.rotations import angle_between
-from caesura_protocol.set_downs import ends_in_contact, is_resisted
 
 PULLS = "pulls on the touched surface: its force points away from the tool"
 WHY_IT_PULLS = (

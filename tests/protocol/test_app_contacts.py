@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from caesura_protocol.app_contacts import ends_in_contact
 from caesura_protocol.messages import Vector
-from caesura_protocol.set_downs import ends_in_contact
 from harness.programs import app
 
 PLACE = (0.4, 0.0, 0.2)

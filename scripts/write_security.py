@@ -13,7 +13,7 @@ from pathlib import Path
 
 from caesura_protocol.keys import ROOT
 from caesura_service.security import ROLES, Identity
-from caesura_service.security.rules import granted_rights
+from caesura_service.security.access_rules import granted_rights
 from caesura_service.security.zenoh_files import password_router_file, router_file, server_tls_in
 
 TOP = Path(__file__).resolve().parents[1]

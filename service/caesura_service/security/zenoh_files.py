@@ -12,10 +12,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from caesura_protocol.messages import MAX_MESSAGE_BYTES
+from caesura_service.security.access_rules import access_control
 from caesura_service.security.certificates import Issued
 from caesura_service.security.exposure import parse_endpoint
 from caesura_service.security.roles import Identity
-from caesura_service.security.rules import access_control
 
 PORT = 7447
 WRITTEN = (

@@ -39,7 +39,7 @@ class Turns:
         return np.asarray(np.matvec(self.rotation, vectors))
 
     def swing(self, length_m: float) -> Array:
-        """By how much (n, 3) [m] the flange leaves its place when the tip of a tool of a length stays."""
+        """Return the displacement (n, 3) [m] of the flange while the tip of a tool of this length stays."""
         return np.asarray(length_m * (DOWN - self.along_tool(np.tile(DOWN, (len(self.rate), 1)))))
 
 

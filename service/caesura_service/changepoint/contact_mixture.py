@@ -25,8 +25,9 @@ _Z = 2
 
 @dataclass(frozen=True)
 class ContactMixture:
-    """The segment's evidence, and the share of one state in it.
+    """Model of a force whose contact state varies within a segment: free, in contact, or with a load.
 
+    Its log evidence is that of the mixture of the three states, plus the log share of one of them (`state`).
     The shares of the three states add up to one. The evidence is multiplied by the number of states, because
     a model set weighs its kinds equally, and the three states are one model rather than alternatives.
     """

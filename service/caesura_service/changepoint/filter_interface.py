@@ -82,4 +82,7 @@ class ChangepointFilter(Protocol):
         """Whether later observations can no longer change the probabilities at and next to this start."""
 
     def event_probability(self, start: int, others: Collection[int] = ()) -> float:
-        """Return the smoothed probability of a start here or at a neighbouring observation."""
+        """Return the smoothed probability of a start here or at a neighbouring observation.
+
+        others: neighbours that are separate events, and are not added.
+        """

@@ -134,8 +134,11 @@ def _shut_down(request: socket.socket) -> None:
         request.shutdown(socket.SHUT_RDWR)
 
 
-class Places:
-    """Open connections, at most `capacity`. Safe to use from any thread."""
+class ConnectionSlots:
+    """The open connections, at most `capacity`; beyond that the oldest of the busiest peer is closed.
+
+    Any thread may use it.
+    """
 
     def __init__(self, capacity: int = CONNECTIONS) -> None:
         self._capacity = capacity
@@ -166,11 +169,11 @@ class _Server(ThreadingHTTPServer):
 
     def __init__(self, where: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
         self.address_family = socket.AF_INET6 if ":" in where[0] else socket.AF_INET
-        self._places = Places()
+        self._slots = ConnectionSlots()
         super().__init__(where, handler)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        self._places.admit(request, client_address[0])
+        self._slots.admit(request, client_address[0])
         super().process_request(request, client_address)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
@@ -181,7 +184,7 @@ class _Server(ThreadingHTTPServer):
             super().process_request_thread(request, client_address)
         finally:
             late.cancel()
-            self._places.release(request)
+            self._slots.release(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Ignore errors of a connection: a client that closes it is no event."""

@@ -56,7 +56,7 @@ class SessionCopies(NamedTuple):
 
 
 class JournalSet:
-    """Reads all journals and writes to none of them."""
+    """Reads the own journal and those of the peers; writes to none of them."""
 
     def __init__(self, own: Journal, peers: PeerJournals) -> None:
         self._own = own

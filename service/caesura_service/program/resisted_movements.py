@@ -33,9 +33,10 @@ PUSHES_ASIDE = 0.5  # force across a push, as a share of the force along it: fri
 
 
 def with_resisted_movements(kept: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
-    """Return the steps; presses that give way are carries of the weight that was held before, or movements.
+    """Return the steps, in which each press that gives way is replaced by a carry or a movement.
 
-    A rest in contact before one, in which its force rises, is its beginning. One after a carry is a hold.
+    It is a carry of the weight that was held before, if an object is held. A rest in contact before it, in
+    which its force rises, is joined to it. A rest in contact after such a carry becomes a hold.
     """
     read: list[ProgramSegment] = []
     for step in kept:

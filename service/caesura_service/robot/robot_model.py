@@ -161,7 +161,7 @@ class Robot:
         return wrench
 
     def wrenches_of_joint_torques(self, q: ArrayLike, tau: ArrayLike) -> Array:
-        """Wrenches (m, 6) of q (m, n) and tau (m, n), as `wrench_of_joint_torques`."""
+        """Return wrenches (m, 6) [N, Nm] of q (m, n) [rad], tau (m, n) [Nm], as `wrench_of_joint_torques`."""
         q, tau = self._checked_rows(q), self._checked_rows(tau)
         jacobians = np.array([self._flange_jacobian(row) for row in q]).reshape(-1, 6, self.joints)
         squares, axes = np.linalg.eigh(jacobians @ jacobians.mT)  # squared singular values of J

@@ -100,7 +100,7 @@ class PipelineHost:
 
     @property
     def last_published_state(self) -> SessionState:
-        """The state without the batches since it last changed in anything except their number."""
+        """The newest state that differs from the one before in more than its number of batches."""
         return self._latest[0]
 
     @property

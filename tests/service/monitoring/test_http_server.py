@@ -25,9 +25,9 @@ from caesura_service.monitoring.health import STUCK_AFTER_S, liveness
 from caesura_service.monitoring.http_server import (
     CONNECTIONS,
     SCRAPES,
+    ConnectionSlots,
     Health,
     HttpServer,
-    Places,
     WebError,
     parse_address,
 )
@@ -205,7 +205,7 @@ def test_callers_that_hold_every_place_do_not_keep_a_probe_out(service):
 
 
 def test_the_place_that_is_given_away_is_the_oldest_of_the_address_that_holds_the_most():
-    places, ends = Places(3), {}
+    places, ends = ConnectionSlots(3), {}
     try:
         for name, peer in (("probe", "a"), ("old", "b"), ("new", "b"), ("late", "c")):
             ends[name] = socket.socketpair()

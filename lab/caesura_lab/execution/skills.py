@@ -336,7 +336,7 @@ class SkillController:
         if abs(wrong) > LOAD_ERROR_LIMIT_N:
             how = "lighter" if wrong > 0.0 else "heavier"
             load = f"{self.arm.load_kg:.2f} kg of its load"
-            raise RobotStopped(f"what is carried is {abs(wrong):.1f} N {how} than the {load}")
+            raise RobotStopped(f"the carried object is {abs(wrong):.1f} N {how} than the {load}")
 
     def _check_contact(self, app: App, measured: ArmMeasurement) -> None:
         """Check that a contact is near the taught one. Raises RobotStopped for another obstacle."""

@@ -76,10 +76,13 @@ def without(index: int) -> Callable[[Apps], Apps]:
         (lambda a: changed(a, 5, target=(-0.02, -0.7, 0.7)), r"app 6 \(move\): .*out of reach"),
         (lambda a: changed(a, 5, target=(-0.02, -0.9, 0.3)), r"app 6 .*target y -0.900 m .*workspace, -0.75"),
         (lambda a: changed(a, 5, joints=(4.0, *[0.0] * 6)), r"app 6 .*joint 1 at 4.000 rad, limits -2.897"),
-        (lambda a: changed(a, 5, joints=(0.0, 0.6, 0.0, -2.2, 0.0, 2.8, 0.0)), r"app 6 .*joints lead \d+ mm"),
+        (
+            lambda a: changed(a, 5, joints=(0.0, 0.6, 0.0, -2.2, 0.0, 2.8, 0.0)),
+            r"app 6 .*joints put the flange \d+ mm from its target",
+        ),
         (
             lambda a: changed(a, 5, target=(-0.02, -0.562, 0.05)),
-            r"app 6 .*\d+ mm inside of what stands there",
+            r"app 6 .*\d+ mm inside an obstacle",
         ),
         (
             lambda a: changed(a, 5, orientation=(1.0, 1.0, 0.0, 0.0)),
@@ -236,7 +239,7 @@ def test_a_contact_may_be_as_far_from_where_it_was_taught_as_the_arm_searches(
     x, y, z = touch.target
     deep = changed((touch, grasp, *rest), 0, target=(x, y, z - deep_m))
     found = check(deep, cell("pick_and_place"), robot=robot).errors
-    assert any("inside of what stands there" in str(one) for one in found) == refused
+    assert any("inside an obstacle" in str(one) for one in found) == refused
 
 
 @pytest.mark.parametrize(("aside_m", "refused"), [(0.0, False), (0.035, True)])
@@ -249,7 +252,7 @@ def test_what_springs_back_is_left_in_as_many_movements_as_were_taught(
     aside = leave.model_copy(update={"t0": 4.6, "target": (-0.02 + aside_m, -0.52, 0.182)})
     up = leave.model_copy(update={"t0": 5.7, "tn": 7.0})
     found = check((touch, pressing, rising, aside, up), cell("dispenser"), robot=robot).errors
-    assert any("inside of what stands there" in str(one) for one in found) == refused
+    assert any("inside an obstacle" in str(one) for one in found) == refused
 
 
 def test_a_contact_that_was_left_is_none(robot: Robot) -> None:
@@ -312,7 +315,7 @@ def test_joints_of_another_arm_are_one_finding_that_asks_for_it(robot: Robot) ->
     assert (
         f"the joints of {len(apps)} of {len(apps)} apps are not those of the arm panda" in on_joints[0].reason
     )
-    assert re.search(r"such as app 1: its joints lead \d+ mm away from its target", on_joints[0].reason)
+    assert re.search(r"such as app 1: its joints put the flange \d+ mm from its target", on_joints[0].reason)
     assert "State it with --robot" in on_joints[0].reason
 
 

@@ -172,8 +172,8 @@ class _ReachabilityChecker:
             astray = float(np.linalg.norm(self._robot.flange_pose(q).position_base - app.target))
             if astray > ASTRAY_M:
                 yield (
-                    f"its joints lead {1000 * astray:.0f} mm away from its target, "
-                    f"at most {1000 * ASTRAY_M:.0f} mm are expected{ONE_IS_WRONG}"
+                    f"its joints put the flange {1000 * astray:.0f} mm from its target, "
+                    f"expected at most {1000 * ASTRAY_M:.0f} mm{ONE_IS_WRONG}"
                 )
 
     def _joints_at_target(
@@ -239,12 +239,12 @@ class _ReachabilityChecker:
                 yield reason
                 return
             if (point < self._low_place).any() or (point > self._high_place).any():
-                yield f"its way leads through {_mm(point)}, which is outside of the workspace"
+                yield f"its path leads through {_mm(point)}, which is outside of the workspace"
                 return
             if q is not None:
                 q, left, turn = self._robot.nearest_joints(point, turned, q)
                 if left > REACH_M or turn > REACH_RAD or not self._within_joint_limits(q):
-                    yield f"its way leads through {_mm(point)}, which is out of reach or at a joint's limit"
+                    yield f"its path leads through {_mm(point)}, which is out of reach or at a joint's limit"
                     return
 
     def _collision(
@@ -262,7 +262,7 @@ class _ReachabilityChecker:
         leaves = state.touching and _is_beside(point, start) and point[2] >= start[2] - DEPTH_M
         if depth <= allowed or leaves:
             return None
-        return f"its way leads through {_mm(point)}, {1000 * depth:.0f} mm inside of what stands there"
+        return f"its path leads through {_mm(point)}, {1000 * depth:.0f} mm inside an obstacle"
 
     def _depth(self, point: Array, rotation: Array) -> tuple[float, float]:
         """Return how deep [m] the fingertips of a pose are inside an obstacle, and by how much it yields."""

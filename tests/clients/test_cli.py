@@ -366,7 +366,7 @@ def test_watch_says_that_the_service_is_overloaded_and_what_was_lost(caesura, se
     status = whole.status.model_copy(update={"overloaded": True, "dropped": 7, "lost": 2})
     service.snapshots = [whole.model_copy(update={"status": status})]
     shown = " ".join(caesura("watch", "--once").stdout.split())
-    assert "the service is overloaded · 7 messages dropped, and batches among them asked" in shown
+    assert "the service is overloaded · 7 messages dropped, and batches among them requested again" in shown
     assert "1 gap, 0.25 s (at 5.00–5.25 s), 2 batches lost" in shown
     service.snapshots = [whole]
     assert "overloaded" not in caesura("watch", "--once").stdout

@@ -151,7 +151,7 @@ def status_line(status: SessionStatus, clock: SessionClock = NO_OFFSET) -> Text:
     if status.overloaded:
         parts.append("the service is overloaded")
     if status.dropped:
-        parts.append(f"{counted(status.dropped, 'message')} dropped, and batches among them asked for again")
+        parts.append(f"{counted(status.dropped, 'message')} dropped, and batches among them requested again")
     if status.gaps:
         parts.append(_gaps(status, clock))
     parts += budgets_in_words(status.budgets)

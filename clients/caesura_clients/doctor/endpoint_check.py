@@ -32,7 +32,7 @@ def check_endpoint(endpoint: str) -> CheckResult:
         remedy = f"write it as {DEFAULT_ENDPOINT} or tls/HOST:PORT"
         return CheckResult("bad", CHECK, f"{endpoint!r} is no endpoint", remedy)
     if protocol not in _SOCKETS:
-        return graded(CHECK, f"{endpoint}: {protocol} is not looked at by itself")
+        return graded(CHECK, f"{endpoint}: {protocol} is not checked separately")
     began = time.monotonic()
     try:
         with socket.create_connection((host.strip("[]"), int(port)), TIMEOUT_S):
@@ -65,7 +65,10 @@ def no_session(error: CaesuraError) -> CheckResult:
     if not isinstance(error, AccessDenied) or not why:
         found, _, remedy = str(error).partition("; ")
         return CheckResult(
-            "bad", "session", found, remedy or "something listens there: is it the router, and is it well?"
+            "bad",
+            "session",
+            found,
+            remedy or "a process listens there: is it the router, and does it run properly?",
         )
     found, _, remedy = why.partition(": ")
     return CheckResult(

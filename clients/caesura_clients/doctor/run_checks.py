@@ -71,7 +71,7 @@ def judge(probed: ProbeResult, station: str = "*") -> Iterator[CheckResult]:
         yield from station_checks.check_station(one)
     if station != "*" and not known:
         remedy = f"start its bridge: caesura bridge --station {station} …; or check the name"
-        found = f"neither a bridge nor a session; stations that are: {', '.join(probed.others) or 'none'}"
+        found = f"no bridge and no session; known stations: {', '.join(probed.others) or 'none'}"
         yield CheckResult("bad", "bridge", found, remedy, station)
     elif not known and probed.alive:
         yield graded("stations", "none yet: no bridge is connected and no session known")

@@ -26,7 +26,7 @@ SAME_RELEASE = "install the same release on both"
 def check_services(probed: ProbeResult) -> Iterator[CheckResult]:
     """Report live instances, and whether their release equals this client's."""
     for key in probed.other_versions:
-        found = f"{key} speaks {'/'.join(key.split('/')[:2])}, we speak {ROOT}"
+        found = f"{key} has protocol {'/'.join(key.split('/')[:2])}, this client has {ROOT}"
         yield CheckResult("bad", "service", found, SAME_RELEASE)
     if not probed.alive:
         remedy = (
@@ -101,7 +101,7 @@ def check_instance(reported: TimedServiceStatus) -> Iterator[CheckResult]:
     found = f"{status.instance}: {status.queue} of {status.queue_capacity} wait, {status.dropped} dropped"
     remedy = "it is behind: more instances (`--instances N`), or fewer stations on this one"
     behind = status.overloaded or status.queue > QUEUE_SHARE * status.queue_capacity
-    dropped = f"{remedy}; what was dropped was asked for again"
+    dropped = f"{remedy}; dropped batches were requested again"
     yield graded("queue", found, (behind, "bad", remedy), (status.dropped, "warn", dropped))
     yield from _check_budgets(status)
 
@@ -135,7 +135,9 @@ def _check_journal(status: ServiceStatus) -> CheckResult:
     if journal is None:
         return CheckResult("warn", "journal", f"{name} does not report it", SAME_RELEASE)
     if journal.trouble is not None:
-        remedy = "make room or repair the disk: samples are refused meanwhile, and asked for again after"
+        remedy = (
+            "make room or repair the disk: samples are refused until then, and requested again afterwards"
+        )
         return CheckResult("bad", "journal", f"{name}: {journal.trouble}", remedy)
     if journal.kind == "memory":
         remedy = "start it with --journal DIR, or a restart loses earlier sessions"

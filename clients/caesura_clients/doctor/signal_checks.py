@@ -29,7 +29,7 @@ NOISE_LIMIT_N = 1.0
 WITHOUT: Mapping[str, tuple[str, str]] = {  # a signal: what else has it, and what its absence means
     "force": ("tau", "contact and load cannot be found"),
     "quat": ("q", "apps have no orientation"),
-    "gripper": ("gripper", "grasps are not seen"),
+    "gripper": ("gripper", "grasps are not detected"),
 }
 
 
@@ -73,7 +73,7 @@ def check_rate(samples: Samples) -> Iterator[CheckResult]:
     yield graded("rate", f"{rate:.0f} Hz", (not FEWEST_HZ <= rate <= MOST_HZ, "warn", remedy))
     uneven = float(np.mean(np.abs(advancing - middle) > UNEVEN * middle))
     found = f"{100 * uneven:.1f} % of intervals off by more than half, longest {1000 * pause:.0f} ms"
-    gap = f"a pause over {1000 * HOLE_S:.0f} ms is a gap in the results: look at the source"
+    gap = f"a pause over {1000 * HOLE_S:.0f} ms is a gap in the results: check the source"
     late = "give samples the time at which they were measured, not at which they were sent"
     yield graded("regularity", found, (pause > HOLE_S, "warn", gap), (uneven > UNEVEN_SHARE, "warn", late))
     back = np.maximum.accumulate(samples.t)[:-1] - samples.t[1:]
@@ -111,7 +111,7 @@ def check_noise(samples: Samples) -> Iterator[CheckResult]:
     noise = float(np.median([force[cell].std(axis=0).max() for cell in rest]))
     found = f"{noise:.2f} N on the worst axis at rest, median of {len(rest)} tenths of a second"
     remedy = (
-        f"over {NOISE_LIMIT_N:.0f} N: a hand in the force (say flange_sensor_with_hand), a loose cable, "
+        f"over {NOISE_LIMIT_N:.0f} N: a hand in the force (state flange_sensor_with_hand), a loose cable, "
         "or no filter in the sensor"
     )
     yield graded("wrench noise", found, (noise > NOISE_LIMIT_N, "warn", remedy))

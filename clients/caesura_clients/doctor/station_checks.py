@@ -31,7 +31,7 @@ REFUSED = {  # whether for want of room: what to do
 }
 STILL_S = 1.0  # how long no sample may come while a session is open
 NO_SAMPLES = (
-    "the bridge hangs, or its source gives nothing: look at the robot's controller and the bridge's "
+    "the bridge hangs, or its source sends nothing: check the robot's controller and the bridge's "
     "terminal; restart the bridge with --session and a higher --epoch"
 )
 
@@ -142,7 +142,7 @@ def _check_bridge(station: StationProbe, status: SessionStatus | None) -> CheckR
             (True, "ok", f"not connected, and {last}", ""),
         )
     again = (
-        "look at its machine first: while its process lives, it sends what is missing by itself, up to ten "
+        "check its machine first: while its process lives, it sends what is missing by itself, up to ten "
         f"minutes at 1 kHz; if it has ended, start it again with --station {station.name} "
         f"--session {status.session} --epoch N, N above the last one (0 at first); if it has ended for good: "
         f"`caesura stop {station.name} --without-bridge`"
@@ -265,10 +265,10 @@ def _check_losses(station: StationProbe, status: SessionStatus) -> Iterator[Chec
     elif missing is None:
         yield graded("gaps", "none")
     if missing is not None and station.unwritable is None:
-        remedy = "it is asked for again and again; if it stays so, look whether the bridge answers"
+        remedy = "it is requested repeatedly; if it stays missing, check whether the bridge answers"
         yield CheckResult("warn", "gaps", missing, remedy)
     if status.duplicates:
-        found = f"{status.duplicates} of {status.batches + status.duplicates} batches came again"
+        found = f"{status.duplicates} of {status.batches + status.duplicates} batches were duplicates"
         yield graded("duplicates", f"{found} and were ignored")
 
 

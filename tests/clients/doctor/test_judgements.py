@@ -158,7 +158,7 @@ def test_where_no_session_opens_on_a_full_journal_it_is_the_cause():
     [
         ({"gaps": (Gap(t0=1.0, tn=1.5, reason="evicted"),)}, "gaps", "warn", "1 of 0.50 s in all (evicted)"),
         ({"waiting_for": 7}, "gaps", "warn", "batch 7 is missing"),
-        ({"duplicates": 3}, "duplicates", "ok", "came again"),
+        ({"duplicates": 3}, "duplicates", "ok", "were duplicates"),
         ({"refused": {"malformed": 2}}, "refused", "warn", "2 malformed"),
     ],
 )
@@ -202,7 +202,7 @@ def test_a_service_that_says_nothing_to_us_is_a_matter_of_credentials():
 def test_a_peer_of_another_protocol_is_named():
     found = list(judge(well(other_versions=["caesura/v2/service/new/alive"])))
     assert grades(found, "service") == ["bad", "ok"]
-    assert "speaks caesura/v2, we speak caesura/v1" in said(found, "service")
+    assert "has protocol caesura/v2, this client has caesura/v1" in said(found, "service")
 
 
 def test_two_owners_of_one_session_and_who_has_what_are_reported():
@@ -237,7 +237,7 @@ def test_an_open_session_whose_bridge_is_gone_is_bad():
 def test_a_bridge_that_is_connected_and_sends_nothing_is_bad():
     found = list(judge(received(well(), batches=50, samples=1000, t=1.0)))
     assert grades(found, "samples") == ["bad"]
-    assert "the bridge hangs, or its source gives nothing" in said(found, "samples")
+    assert "the bridge hangs, or its source sends nothing" in said(found, "samples")
 
 
 def test_batches_of_another_session_are_not_counted_as_sent_for_this_one():
@@ -301,4 +301,4 @@ def test_two_bridges_of_one_session_are_named_and_nothing_is_said_to_be_over():
 def test_a_station_that_is_not_there_is_no_matter_of_credentials():
     found = list(judge(well(snapshots=[], statuses={}, bridges=[], others=["cell-1", "cell-7"]), "cell-9"))
     assert grades(found, "credentials") == ["ok"]
-    assert "stations that are: cell-1, cell-7" in said(found, "bridge")
+    assert "known stations: cell-1, cell-7" in said(found, "bridge")

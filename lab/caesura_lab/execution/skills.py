@@ -21,7 +21,7 @@ from caesura_lab.execution.simulated_arm import (
     Setpoint,
     SimulatedArm,
 )
-from caesura_lab.execution.trajectories import ASTRAY_M, app_path, approach_direction, arrival_speed
+from caesura_lab.execution.trajectories import app_path, approach_direction, arrival_speed
 from caesura_lab.teacher.hand_motion_plan import DT
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_protocol.app_force_limit import LEAST_PRESS_N
@@ -29,6 +29,7 @@ from caesura_protocol.app_kinds import APP_KINDS, AppKind
 from caesura_protocol.messages import App, ScrewMotion, ViaPoint
 from caesura_protocol.programs.app_time_shifts import goes_on, rest_newtons, rests_of
 from caesura_protocol.programs.safety import Safety
+from caesura_protocol.programs.ways_between_apps import ASTRAY_M
 from caesura_protocol.reproduced_path import Curve
 from caesura_protocol.rotations import cross, matrix_of, quaternion_of, turning_of
 from caesura_protocol.screw_torque_and_text import stop_torque_nm

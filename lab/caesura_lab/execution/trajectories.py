@@ -8,8 +8,10 @@ from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_protocol.app_contacts import ends_in_contact
 from caesura_protocol.messages import App
+from caesura_protocol.programs.app_time_shifts import TURNED_M
 from caesura_protocol.programs.contact_forces import touching_force
 from caesura_protocol.programs.safety import Safety
+from caesura_protocol.programs.ways_between_apps import ASTRAY_M
 from caesura_protocol.reproduced_path import Curve, knots_of
 from caesura_protocol.rotations import (
     align_signs,
@@ -21,12 +23,10 @@ from caesura_protocol.rotations import (
 )
 
 ALIGNED = 0.7  # cosine between tool and force, above which the tool's axis is the direction of a press
-ASTRAY_M = 0.01  # from where a path was taught to start
 LEAST_S = 1e-3
 ARRIVING_SHARE = 0.6  # of the mean speed towards a contact is left when it is met
 LEAST_SEARCH_M_PER_S, LEAST_M_PER_S = 0.01, 1e-6
 EARLY_S, BLEND_S = 0.09, 0.3  # a via point sooner than that is no taught one; time to get onto such a path
-TURNED_M = 0.1  # what a radian of a turn counts as
 SLOW_M = 0.002  # before a target that a contact ends: it may be met so much earlier
 BRAKE_M_PER_S2 = 1.0  # towards a contact
 KNOT_S, LEAST_KNOTS = 0.02, 8  # between two knots of a path with brakes; legs of it

@@ -28,7 +28,6 @@ from scipy.ndimage import maximum_filter1d
 
 from caesura_lab.execution.skills import CREEP_M_PER_S, MOST_CREEP_M_PER_S
 from caesura_lab.execution.trajectories import (
-    ASTRAY_M,
     BRAKE_M_PER_S2,
     SLOW_M,
     app_path,
@@ -46,6 +45,7 @@ from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.planned_apps import STANDOFF_M
 from caesura_protocol.programs.program_speed import retimed
 from caesura_protocol.programs.safety import Safety
+from caesura_protocol.programs.ways_between_apps import ASTRAY_M
 from caesura_protocol.reproduced_path import Curve, curve_of, unit
 from caesura_protocol.rotations import angular_velocities, matrix_of
 from caesura_service.robot import ReachError, Robot, load_robot

@@ -28,6 +28,7 @@ from caesura_protocol.programs.script_templates import (
     table_of_apps,
     title_of,
 )
+from caesura_protocol.programs.ways_between_apps import ways_to_paths
 from caesura_protocol.reproduced_path import turn_of, turning_at_points
 from caesura_protocol.screw_torque_and_text import stop_torque_nm
 
@@ -71,12 +72,15 @@ def _rows(apps: Sequence[ProgramStep]) -> list[dict[str, Any]]:
     """Return the data of each app that the script needs.
 
     An app without a stop at its target has `goes_on`, the velocities there; a carry that a contact ends has
-    `sets_down`; a grasp that opens the fingers around what is held `eases`.
+    `sets_down`; a grasp that opens the fingers around what is held `eases`; an app that begins elsewhere than
+    the app before it ends `leads_in`, the time [s] to its start.
     """
     rows, eased = [], eased_grasps(apps)
-    around = zip(apps, [*apps[1:], None], [*apps[2:], None, None], strict=False)
-    for index, (app, following, after) in enumerate(around):
+    around = zip(apps, [*apps[1:], None], [*apps[2:], None, None], ways_to_paths(apps), strict=False)
+    for index, (app, following, after, way) in enumerate(around):
         row = _row(app)
+        if way is not None:
+            row["leads_in"] = round(way.seconds, 3)
         if index in eased:
             row["eases"] = True
         if app.path is not None and _is_passed(app, following, after):

@@ -14,7 +14,8 @@ from caesura_protocol.programs.contact_forces import press_direction, without_fr
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.program_gripper import GRIPS
 from caesura_protocol.programs.safety import Safety
-from caesura_protocol.programs.straight_legs import Leg, Quaternion, straight_legs
+from caesura_protocol.programs.straight_legs import SHORT_M, SLOWEST_M_PER_S, Leg, Quaternion, straight_legs
+from caesura_protocol.programs.ways_between_apps import WayToPath, ways_to_paths
 
 STANDOFF_M = 0.02  # before a contact, from where it is looked for slowly
 ROUNDING_M = 1e-6
@@ -64,7 +65,7 @@ def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedA
     moved = False  # by any app before this one
     touched: Vector | None = None  # the place of a contact that is not left yet
     apps = [without_friction(app) for app in program.apps]
-    for index, app in enumerate(apps):
+    for index, (app, way) in enumerate(zip(apps, ways_to_paths(apps), strict=True)):
         following = apps[index + 1] if index + 1 < len(apps) else None
         contact = None
         if ends_in_contact(app, following):
@@ -87,6 +88,8 @@ def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedA
         start = None
         if not moved and legs:
             start, legs = _begun(app, legs)
+        elif way is not None and _goes_to_its_path(app, legs, short):
+            legs = [_leg_to_path(app, way, program.safety), *legs]
         stands = app.target if app.kind == "grasp" and not moved else None
         moved = moved or start is not None
         pause = pause_between(app, following, program.safety)
@@ -133,6 +136,26 @@ def _begun(app: App, legs: list[Leg]) -> tuple[tuple[Vector, Quaternion | None],
     if app.path is None:
         return (legs[0].position, legs[0].orientation), []
     return (app.path.start.position, app.path.start.orientation), legs
+
+
+def _goes_to_its_path(app: App, legs: list[Leg], short: Vector | None) -> bool:
+    """Return whether an app goes to the start of its path first.
+
+    A press without legs stays where it is. A start beyond the place before a contact is left out.
+    """
+    if app.path is None or app.target is None or (app.kind == "apply_force" and not legs):
+        return False
+    left = zip(app.target, app.path.start.position, short or (0.0, 0.0, 0.0), strict=True)
+    return short is None or sum((a - b) * c for a, b, c in left) > STANDOFF_M**2
+
+
+def _leg_to_path(app: App, way: WayToPath, safety: Safety) -> Leg:
+    """Return the leg on which the arm goes to the start of an app's path, and stops there."""
+    assert app.path is not None
+    start = app.path.start
+    seconds = way.seconds * safety.slower(way.metres / way.seconds, way.radians / way.seconds)
+    speed = None if way.metres < SHORT_M else max(way.metres / seconds, SLOWEST_M_PER_S)
+    return Leg(start.position, start.orientation, speed, seconds, 0.0, way.radians)
 
 
 def _scaled(vector: Vector, factor: float) -> Vector:

@@ -33,10 +33,10 @@ from .franky_runs import flanges, module_of, motions, over_surface, pressed_n, r
 def test_a_press_that_slides_follows_its_path_across_the_force() -> None:
     apps = list(curved())
     path = AppPath(
-        start=ViaPoint(t=2.6, position=(0.0, 0.0, 0.2), orientation=DOWN), tn=4.2,
+        start=ViaPoint(t=2.6, position=(-0.02, -0.52, 0.2), orientation=DOWN), tn=4.2,
         length_m=0.1, deviation_m=0.0, deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
     )  # fmt: skip
-    apps[1] = apps[1].model_copy(update={"path": path, "target": (0.1, 0.0, 0.19)})
+    apps[1] = apps[1].model_copy(update={"path": path, "target": (0.08, -0.52, 0.19)})
     calls = motions(run(as_file(tuple(apps))))
     pressed = next(m for m in calls if isinstance(m, fake_franky.CartesianImpedanceTrackingMotion))
     begin, *_, end = flanges(pressed)

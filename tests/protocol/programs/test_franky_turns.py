@@ -94,6 +94,7 @@ def test_a_turn_ends_where_it_is_tight(
     monkeypatch.setattr(fake_franky.Robot, "join_motion", lambda self, timeout=None: next(joins, True))
     fake_franky.calls.clear()
     runner.moved = True
+    runner.robot.flange = fake_franky.Affine(app.path.start.position, DOWN)
     try:
         getattr(runner, kind)(made.APPS[1], None)
     finally:

@@ -6,13 +6,14 @@ kind. It is the template `franky_template.py.txt` with these values.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 from caesura_protocol.app_contacts import ends_in_contact
 from caesura_protocol.app_force_limit import is_path_limited
 from caesura_protocol.app_kinds import APP_KINDS, app_name, step_title
-from caesura_protocol.messages import Vector
+from caesura_protocol.messages import Quaternion, Vector
 from caesura_protocol.programs.app_time_shifts import goes_on, rests_of
 from caesura_protocol.programs.contact_forces import force_in_tool, without_friction
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
@@ -114,7 +115,7 @@ def _row(taught: ProgramStep) -> dict[str, Any]:
     for name in FIELDS:
         value = getattr(app, name)
         if value is not None:
-            row[name] = _rounded(value)
+            row[name] = _rounded(_unit(value) if name == "orientation" else value)
     row |= felt_with_friction(taught)
     if not is_path_limited(taught):
         row.pop("force_taught", None)
@@ -122,10 +123,13 @@ def _row(taught: ProgramStep) -> dict[str, Any]:
         points, began = (app.path.start, *app.path.via), app.path.start.t
         turning: Sequence[Vector | None] = turning_at_points(app) or [None] * len(points)
         row["path"] = [
-            (round(one.t - began, 3), *map(_rounded, (one.position, one.orientation, one.velocity, turns)))
+            (
+                _rounded(one.t - began),
+                *map(_rounded, (one.position, _unit(one.orientation), one.velocity, turns)),
+            )
             for one, turns in zip(points, turning, strict=True)
         ]
-        row["arrives"] = round(app.path.tn - began, 3)
+        row["arrives"] = _rounded(app.path.tn - began)
         in_tool = force_in_tool(app)
         if in_tool is not None:
             row["in_tool"] = _rounded(in_tool)
@@ -138,6 +142,14 @@ def _row(taught: ProgramStep) -> dict[str, Any]:
     if app.screw is not None and most_nm is not None:
         row["tight"] = _rounded(app.screw.axis), _rounded(app.screw.point), _rounded(most_nm)
     return row
+
+
+def _unit(quaternion: Quaternion | None) -> Quaternion | None:
+    """Return a quaternion of unit length: libfranka refuses a pose whose rotation has another one."""
+    if quaternion is None:
+        return None
+    x, y, z, w = (value / math.hypot(*quaternion) for value in quaternion)
+    return x, y, z, w
 
 
 def _rounded(value: tuple[float, ...] | float | None) -> Any:

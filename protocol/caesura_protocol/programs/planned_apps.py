@@ -29,10 +29,11 @@ class PlannedApp(NamedTuple):
     place: index in the program, from 0; start: (position [m], orientation) to which the arm moves first, from
     any pose; begins: taught start; legs: following movements; contact: (3,) direction of the search if a
     contact ends the app; wait_s: rest of a press before the legs; stay_s: duration of a press without legs;
-    hold_s: rest after the legs, of a hold or a press; pause_s: pause after the app. wait_n, hold_n: forces
-    during these rests. clear_legs: number of legs that leave the contact of the app before; there is no
-    contact search on them, and the sensor is zeroed after them; None without legs, so that the tool is still
-    in contact. stands: where the arm must be already, for a grasp before any movement.
+    hold_s: rest after the legs, of a hold or a press; of a hold that a contact ends, before them; pause_s:
+    pause after the app. wait_n, hold_n: forces during these rests. clear_legs: number of legs that leave the
+    contact of the app before; there is no contact search on them, and the sensor is zeroed after them; None
+    without legs, so that the tool is still in contact. stands: where the arm must be already, for a grasp
+    before any movement.
     """
 
     place: int
@@ -82,7 +83,7 @@ def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedA
             stay = 0.0 if legs else app.tn - app.t0 - wait - hold
         elif not legs and contact is None and app.kind not in GRIPS:
             hold = app.tn - app.t0
-        elif app.kind == "hold" and contact is None:  # its way is a drift: it lasts as long as it was taught
+        elif app.kind == "hold":  # its way is a drift: it lasts as long as it was taught
             hold = max(app.tn - app.t0 - sum(leg.seconds for leg in legs), 0.0)
         begins = place if app.path is None else app.path.start.position
         start = None

@@ -137,9 +137,10 @@ class _Writer:
             pose = _pose(*planned.start)
             lines.append(f"movej(get_inverse_kin({pose}, {near}), a=0.5, v=START_RAD_PER_S)")
         moves = [_move(leg, "movel") for leg in planned.legs]
+        rest = [f"sleep({planned.hold_s:.3f})"] if planned.hold_s >= LEAST_PAUSE_S else []
         if planned.contact is None:
-            rest = [f"sleep({planned.hold_s:.3f})"] if planned.hold_s >= LEAST_PAUSE_S else []
             return [*lines, *self._watched(planned.place, moves, self._tightness(app)), *rest, *held]
+        lines += rest
         if planned.clear_legs is not None:
             lines += [*moves[: planned.clear_legs], "zero_wrench()"]
             moves = moves[planned.clear_legs :]

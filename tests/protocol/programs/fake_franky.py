@@ -304,11 +304,18 @@ class _FeltState(RobotState):
 
 
 class Gripper:
+    """A Franka Hand. A grasp has width - epsilon_inner < d < width + epsilon_outer, d between its fingers.
+
+    So libfranka states it. part_m: the width of what lies between them; None: as wide as what is grasped.
+    """
+
     max_width = 0.08
     is_grasped = False
+    width = 0.08
+    part_m: float | None = None
 
     def __init__(self, fci_hostname: str) -> None:
-        pass
+        _note("gripper", host=fci_hostname)
 
     def grasp(
         self,
@@ -319,11 +326,12 @@ class Gripper:
         epsilon_outer: float = 0.005,
     ) -> bool:
         _note("grasp", width=width, force=force)
-        self.is_grasped = True
-        return True
+        self.width = width if self.part_m is None else self.part_m
+        self.is_grasped = width - epsilon_inner < self.width < width + epsilon_outer
+        return self.is_grasped
 
     def move(self, width: float, speed: float) -> bool:
         assert 0.0 <= width <= self.max_width
         _note("fingers", width=width)
-        self.is_grasped = False
+        self.is_grasped, self.width = False, width
         return True

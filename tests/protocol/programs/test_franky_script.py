@@ -23,6 +23,7 @@ from harness.programs import (
     app,
     as_file,
     curved,
+    move,
     path_from,
     pick_and_place,
     press,
@@ -58,10 +59,11 @@ def test_limits_stand_at_the_top_and_are_those_of_the_program() -> None:
 def test_pick_and_place_grips_carries_its_load_and_lets_it_go() -> None:
     calls = run(as_file(pick_and_place()))
     names = [name for name, _ in calls if name in ("grasp", "fingers", "load")]
-    assert names == ["grasp", "load", "load", "fingers", "load"]
+    assert names == ["load", "grasp", "load", "load", "fingers", "load"]
     hand = [0.0, 0.0, 0.1034]
     loads = [(a["kg"], a["at"]) for name, a in calls if name == "load"]
-    assert loads == [(0.25, hand), (0.25, hand), (0.0, [0.0, 0.0, 0.0])]
+    nothing = (0.0, [0.0, 0.0, 0.0])  # stated first: a run that was stopped leaves its own
+    assert loads == [nothing, (0.25, hand), (0.25, hand), nothing]
     ends = [len(motion.reactions) for motion in motions(calls)]
     assert ends == [
         1,
@@ -315,3 +317,102 @@ def test_a_hold_without_a_path_stays_as_long_as_it_was_taught(monkeypatch: pytes
     monkeypatch.setattr(made.time, "sleep", waited.append)
     runner.run(made.APPS)
     assert waited[-1] == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize("ends_in_contact", [False, True])
+def test_a_hold_that_drifts_lasts_as_long_as_it_was_taught(
+    monkeypatch: pytest.MonkeyPatch, ends_in_contact: bool
+) -> None:
+    # Only its path was followed: of a hold of 6 s with 1 s of drift, 5 s were lost.
+    touch, grasp, lift, carry, *_ = pick_and_place()
+    over = lift if not ends_in_contact else carry
+    path = path_from(over.target, over.tn + 2.0, over.tn + 3.0, 0.012)
+    hold = app("hold", over.tn, over.tn + 6.0, over.target, load_kg=0.25, path=path)
+    pressed = app("apply_force", hold.tn, hold.tn + 1.0, over.target, force=(0.0, 0.0, -5.0))
+    apps = (touch, grasp, lift, carry, hold, pressed) if ends_in_contact else (touch, grasp, lift, hold)
+    made, runner = over_surface(monkeypatch, as_file(apps), lambda x, y: 0.11 if y < -0.6 else 0.1)
+    waited: list[tuple[float, int]] = []
+    monkeypatch.setattr(made.time, "sleep", lambda s: waited.append((s, len(motions(fake_franky.calls)))))
+    runner.run(made.APPS)
+    ((_, moved),) = [one for one in waited if one[0] == pytest.approx(5.0)]
+    after = motions(fake_franky.calls)[moved:]
+    assert any(motion.reactions for motion in after) == ends_in_contact  # it waits in the air, then searches
+
+
+@pytest.mark.parametrize(
+    ("taught_m", "part_m", "grasps"),
+    [
+        (0.05, 0.05, True),
+        (0.05, 0.035, False),
+        (0.05, 0.0, False),
+        (None, 0.05, True),  # a program of a closed flag states no width: 0 mm was expected, up to 20 mm
+        (None, 0.0, False),
+        (0.006, 0.006, True),
+        (0.006, 0.0, False),  # shut fingers passed for a part of 6 mm
+    ],
+)
+def test_fingers_hold_what_stops_them(
+    monkeypatch: pytest.MonkeyPatch, taught_m: float | None, part_m: float, grasps: bool
+) -> None:
+    touch, grasp, *rest = pick_and_place()
+    program = as_file((touch, grasp.model_copy(update={"gripper_width": taught_m}), *rest))
+    monkeypatch.setattr(fake_franky.Gripper, "part_m", part_m)
+    made, runner = over_surface(monkeypatch, program, lambda x, y: 0.11)
+    with nullcontext() if grasps else pytest.raises(made.Stop, match=r"app 2 .grasp.: nothing"):
+        runner.run(made.APPS)
+
+
+@pytest.mark.parametrize("taught_m", [None, 0.006, 0.05])
+def test_a_part_that_slips_out_lets_the_fingers_shut(
+    monkeypatch: pytest.MonkeyPatch, taught_m: float | None
+) -> None:
+    touch, grasp, *rest = pick_and_place()
+    program = as_file((touch, grasp.model_copy(update={"gripper_width": taught_m}), *rest))
+    monkeypatch.setattr(fake_franky.Gripper, "part_m", taught_m or 0.05)
+    made, runner = over_surface(monkeypatch, program, lambda x, y: 0.11)
+    grip = runner.gripper.grasp
+
+    def slipped(width: float, *values: float, epsilon_inner: float, epsilon_outer: float) -> bool:
+        grasped = grip(width, *values, epsilon_inner=epsilon_inner, epsilon_outer=epsilon_outer)
+        runner.gripper.width = 0.0005
+        runner.gripper.is_grasped = width - epsilon_inner < 0.0005 < width + epsilon_outer
+        return bool(grasped)
+
+    monkeypatch.setattr(runner.gripper, "grasp", slipped)
+    with pytest.raises(made.Stop, match=r"nothing.* between the fingers"):
+        runner.run(made.APPS)
+
+
+@pytest.mark.parametrize("opens_m", [0.0, 0.06])
+def test_a_hand_that_does_not_open_as_far_as_taught_stops_the_program_before_it_moves(
+    monkeypatch: pytest.MonkeyPatch, opens_m: float
+) -> None:
+    # libfranka estimates `max_width` by homing. The fingers were opened to 0 mm without it.
+    monkeypatch.setattr(fake_franky.Gripper, "max_width", opens_m)
+    made, runner = over_surface(monkeypatch, as_file(pick_and_place()), lambda x, y: 0.11)
+    with pytest.raises(made.Stop, match=rf"the hand opens to {opens_m} m, expected 0.08 m: home it"):
+        runner.run(made.APPS)
+    assert not motions(fake_franky.calls)
+
+
+def test_an_arm_without_a_hand_runs_a_program_that_grips_nothing() -> None:
+    # The hand was connected at once, and an arm without one ended the script.
+    assert "gripper" not in [name for name, _ in run(as_file(press()))]
+    assert "gripper" in [name for name, _ in run(as_file(pick_and_place()))]
+
+
+def test_points_within_a_millisecond_are_no_division_by_zero() -> None:
+    (first, *_) = (move(0.0, (0.3, -0.3, 0.3), (0.3, -0.3, 0.4)),)
+    assert first.path is not None
+    short = first.model_copy(update={"path": first.path.model_copy(update={"tn": 0.0003})})
+    assert len(motions(run(as_file((short,))))[-1].waypoints) == 1
+
+
+def test_orientations_have_unit_length_whatever_the_file_has() -> None:
+    # libfranka refuses a pose whose rotation is none; a rate of turn of 1.5 rad/s came from the length alone.
+    x, y, z, w = (0.96 * value for value in DOWN)
+    calls = run(as_file((move(0.0, (0.3, -0.3, 0.3), (0.3, -0.3, 0.4), (x, y, z, w)),)))
+    to_start, way = motions(calls)
+    for pose in (to_start.target, way.waypoints[0].target.pose):
+        assert np.linalg.norm(pose.quaternion) == pytest.approx(1.0, abs=2e-6)
+    assert [a["value"] for name, a in calls if name == "turn"][-1] == pytest.approx(0.02)

@@ -296,6 +296,20 @@ def test_a_hold_that_drifts_lasts_as_long_as_it_was_taught(drift_m: float):
     assert took == pytest.approx(6.0, abs=0.1)
 
 
+def test_a_hold_that_a_contact_ends_rests_in_the_air_before_it():
+    # It searched the contact at once: 6 s of holding were lost.
+    touch, grasp, lift, carry, *_ = pick_and_place()
+    hold = app("hold", carry.tn, carry.tn + 6.0, carry.target, load_kg=0.25)
+    pressed = app("apply_force", hold.tn, hold.tn + 1.0, carry.target, force=(0.0, 0.0, -5.0))
+    apps = (touch, grasp, lift, carry, hold, pressed)
+    controller = played(on_ur(apps), table_m=0.11)
+    said = [i for i, (name, one) in enumerate(controller.calls) if name == "textmsg" and "hold" in one["s1"]]
+    calls = [(name, one) for name, one in controller.calls[said[0] :] if name in ("sleep", "movel", "speedl")]
+    (rested,) = [index for index, (name, one) in enumerate(calls) if name == "sleep" and one["t"] > 1.0]
+    assert rested == 0  # nothing is searched before it
+    assert 4.9 < calls[rested][1]["t"] <= 6.0  # less the way back to the place before a contact
+
+
 def test_a_slide_follows_its_path_in_force_mode():
     slide = circle(force=(0.0, 0.0, -8.0)).model_copy(update={"kind": "apply_force"})
     touch = app("move_to_contact", 0.0, 1.0, slide.path.start.position)

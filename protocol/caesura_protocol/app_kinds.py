@@ -48,7 +48,10 @@ class AppKindFacts(NamedTuple):
         return "holding" in self.preconditions
 
 
-_PATH = ("via", "turning", "arrives", "end_velocity", "end_turning", "length", "max_speed", "max_turn")
+_PATH = (
+    *("via", "turning", "arrives", "end_velocity", "end_turning"),
+    *("length", "tolerance", "tolerance_turn", "max_speed", "max_turn"),
+)
 _SCREW = ("axis", "axis_point", "angle", "pitch", "torque")
 _POSE = ("target", "orientation", "joints", "seconds")
 _PLACE = (*_POSE, *_PATH, *_SCREW, "max_force")

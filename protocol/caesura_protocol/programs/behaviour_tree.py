@@ -22,7 +22,7 @@ from caesura_protocol.app_contacts import ends_in_contact
 from caesura_protocol.app_force_limit import is_path_limited
 from caesura_protocol.app_kinds import APP_KINDS, AppKind, app_number, step_title
 from caesura_protocol.messages import AppPath
-from caesura_protocol.programs.app_time_shifts import rests_of
+from caesura_protocol.programs.app_time_shifts import goes_on, rests_of
 from caesura_protocol.programs.apps_by_phase import groups_by_first
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.export_limits import refuse_impossible
@@ -36,6 +36,7 @@ from caesura_protocol.screw_torque_and_text import torque_about_axis
 
 DOUBLE, DOUBLES = "double", "std::vector<double>"
 TREE = "Task"
+DIGITS = 7  # of a number: a place up to 10 m is stated to 1 µm
 NO_XML = re.compile("[\x00-\x1f\ufffe\uffff]")  # no XML has these, not even as a reference
 
 
@@ -87,6 +88,8 @@ WAITS = Port(
 BEFORE = Port("force_before", DOUBLE, "that is pressed before the path, where it is another one [N]")
 AFTER = Port("force_after", DOUBLE, "that is pressed after the path, where it is another one [N]")
 LENGTH = Port("length", DOUBLE, "of the path that was taught [m]")
+TOLERANCE = Port("tolerance", DOUBLE, "how far the path may be off the taught one [m]")
+TOLERANCE_TURN = Port("tolerance_turn", DOUBLE, "likewise its orientation [rad]")
 TAUGHT = Port("force_taught", DOUBLES, "x;y;z that was taught, where a limit has cut it [N]")
 
 AXIS = Port("axis", DOUBLES, "x;y;z of unit length: what is turned about, in the base frame")
@@ -101,7 +104,7 @@ PORTS: Mapping[str, Port] = MappingProxyType(
         for port in (
             *(TARGET, ORIENTATION, JOINTS, SECONDS, FORCE, TAUGHT, WIDTH, LOAD, SPEED, TURN, MOST, CONTACT),
             *(SLOW, SEARCH, VIA, TURNING, ARRIVES, END_VELOCITY, END_TURNING, WAITS, BEFORE, AFTER, LENGTH),
-            *(AXIS, POINT, ANGLE, PITCH, TORQUE, GRIP_FORCE, GRIP_SPEED),
+            *(TOLERANCE, TOLERANCE_TURN, AXIS, POINT, ANGLE, PITCH, TORQUE, GRIP_FORCE, GRIP_SPEED),
         )
     }
 )
@@ -110,8 +113,10 @@ PORTS: Mapping[str, Port] = MappingProxyType(
 def behaviour_tree(program: ProgramFile) -> str:
     """Return the XML text, with a model of every action that it uses.
 
-    Raises ValueError for a number that no app can have, or that is not finite.
+    Raises ValueError without an app, and for a number that no app can have, or that is not finite.
     """
+    if not program.apps:
+        raise ValueError("it has no app, and BehaviorTree.CPP refuses a sequence without a child")
     program.as_json()  # refuses what is not finite
     refuse_impossible(program)
     comments = texts_of_people(program)
@@ -197,6 +202,7 @@ def _inputs(
     """
     screw = app.screw
     searches = ends_in_contact(app, following)
+    onward = app.path if goes_on(app, following) else None
     values: dict[str, Sequence[float] | float | None] = {
         TARGET.name: app.target,
         ORIENTATION.name: app.orientation,
@@ -207,12 +213,14 @@ def _inputs(
         VIA.name: None if app.path is None else _via(app.path),
         TURNING.name: None if app.path is None else np.ravel(turning_at_points(app)).tolist() or None,
         ARRIVES.name: None if app.path is None else app.path.tn - app.path.start.t,
-        END_VELOCITY.name: None if app.path is None else app.path.end_velocity,
-        END_TURNING.name: None if app.path is None else app.path.end_angular_velocity,
+        END_VELOCITY.name: None if onward is None else onward.end_velocity,
+        END_TURNING.name: None if onward is None else onward.end_angular_velocity,
         WAITS.name: None if app.path is None else rests_of(app)[0],
         BEFORE.name: None if app.rest_before is None else app.rest_before.newton,
         AFTER.name: None if app.rest_after is None else app.rest_after.newton,
         LENGTH.name: None if app.path is None else app.path.length_m,
+        TOLERANCE.name: None if app.path is None else app.path.tolerance_m,
+        TOLERANCE_TURN.name: None if app.path is None else app.path.tolerance_rad,
         AXIS.name: None if screw is None else screw.axis,
         POINT.name: None if screw is None else screw.point,
         ANGLE.name: None if screw is None else screw.angle,
@@ -252,5 +260,5 @@ def _via(path: AppPath) -> list[float]:
 
 def _text(value: Sequence[float] | float) -> str:
     if isinstance(value, float | int):
-        return f"{value:.6g}"
-    return ";".join(f"{x:.6g}" for x in value)
+        return f"{value:.{DIGITS}g}"
+    return ";".join(f"{x:.{DIGITS}g}" for x in value)

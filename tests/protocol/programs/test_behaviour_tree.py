@@ -108,6 +108,38 @@ def test_an_app_that_goes_on_has_the_velocities_at_its_target() -> None:
     assert "end_velocity" not in two.attrib
 
 
+def test_velocities_at_a_target_are_left_out_where_no_app_goes_on_from_there() -> None:
+    # After an edit the tree had them at the target of its last app: its action would have passed it.
+    first = move(0.0, (0.4, 0.0, 0.3), (0.4, 0.1, 0.3))
+    assert first.path is not None
+    passed = first.path.model_copy(
+        update={"end_velocity": (0.0, 0.1, 0.0), "end_angular_velocity": (0.0, 0.0, 0.2)}
+    )
+    first = first.model_copy(update={"path": passed})
+    for later in ((), (move(2.0, (0.4, 0.1, 0.3), (0.4, 0.2, 0.3)),), (press()[0],)):
+        node, *_ = tree((first, *later)).iterfind("BehaviorTree/Sequence/*")
+        assert not {"end_velocity", "end_turning"} & set(node.attrib)
+
+
+def test_a_path_has_its_tolerance() -> None:
+    (node,) = tree((move(0.0, (0.4, 0.0, 0.3), (0.4, 0.1, 0.3)),)).iterfind("BehaviorTree/Sequence/*")
+    assert (node.attrib["tolerance"], node.attrib["tolerance_turn"]) == ("0.002", "0.02")
+    bare, *_ = tree(press()).iterfind("BehaviorTree/Sequence/*")
+    assert "tolerance" not in bare.attrib
+
+
+def test_places_are_stated_to_a_micrometre() -> None:
+    place = (1.2345678, -1.0000015, 0.3)
+    (node,) = tree((move(0.0, (0.4, 0.0, 0.3), place),)).iterfind("BehaviorTree/Sequence/*")
+    assert [float(one) for one in node.attrib["target"].split(";")] == pytest.approx(place, abs=1e-6)
+
+
+def test_a_program_without_an_app_is_refused() -> None:
+    # BehaviorTree.CPP: "A Control node must have at least 1 child".
+    with pytest.raises(ValueError, match="it has no app"):
+        tree(())
+
+
 def test_a_carry_that_sets_down_and_no_other_one_has_the_limits_of_a_search() -> None:
     touch, _, lift, carry, *_ = (
         one for one in tree(pick_and_place()).iterfind("BehaviorTree/Sequence/*") if one.tag != "Sleep"

@@ -122,8 +122,8 @@ def _corners(poses: Array, close: Closeness) -> list[int]:
         if last - first < 2:
             continue
         off = _off_chord(poses[first : last + 1], close)
-        worst = int(np.argmax(off))
-        if off[worst] > 1.0:
+        worst = 1 + int(np.argmax(off[1:-1]))  # a part that ends where it began would be divided for ever
+        if not off[worst] <= 1.0:  # halfway around a whole turn the leg has no orientation
             keep.add(first + worst)
             open_ends += [(first, first + worst), (first + worst, last)]
     return sorted(keep)
@@ -136,7 +136,8 @@ def _off_chord(poses: Array, close: Closeness) -> Array:
     """
     chord = poses[-1] - poses[0]
     way, squared = poses[:, :3] - poses[0, :3], float(chord[:3] @ chord[:3])
-    share = np.clip(way @ chord[:3] / squared, 0.0, 1.0) if squared > SHORT_M**2 else None
+    least_m = min(SHORT_M, close.chord_m)
+    share = np.clip(way @ chord[:3] / squared, 0.0, 1.0) if squared > least_m**2 else None
     off = np.linalg.norm(way - (0.0 if share is None else share[:, None] * chord[:3]), axis=1)
     off /= close.chord_m
     if poses.shape[1] == 7:

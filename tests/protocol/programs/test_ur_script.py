@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from contextlib import nullcontext
 from typing import Any
@@ -13,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from caesura_clients.cli.program_speed import at_speed
 from caesura_protocol.messages import App, AppPath, ScrewMotion, Vector, ViaPoint
 from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.programs.planned_apps import planned_apps
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.straight_legs import CHORD_M, LEGS
 from caesura_protocol.programs.ur_script import ur_script
@@ -256,6 +258,37 @@ def test_no_leg_is_faster_than_the_limit():
     assert speeds.max() <= 0.1
     assert (lengths / speeds).sum() > math.pi / 2 / 0.2  # the turn is slower yet
     assert "MAX_SPEED_M_PER_S = 0.1" in ur_script(on_ur((circle(),), safety=slow))
+
+
+@pytest.mark.parametrize("drift_m", [0.0, 0.0001, 0.0003, 0.00049, 0.0006])
+@pytest.mark.parametrize("degrees", [0.0, 90.0, 360.0, 900.0])
+def test_a_turn_nearly_in_place_is_divided_into_legs(drift_m: float, degrees: float):
+    # A drift beyond half of the tolerance and below 0.5 mm was divided for ever: no script was written.
+    before = press()[2]
+    x, y, z = before.target
+    shares = np.linspace(0.0, 1.0, 41)
+    points = [
+        ViaPoint(
+            t=before.tn + 10.0 * share,
+            position=(x + share * drift_m, y, z),
+            orientation=tuple(
+                (Rotation.from_euler("z", share * degrees, degrees=True) * Rotation.from_quat(DOWN)).as_quat()
+            ),
+        )
+        for share in shares
+    ]
+    path = AppPath(
+        start=points[0], via=tuple(points[1:-1]), tn=points[-1].t, length_m=drift_m, deviation_m=0.0,
+        deviation_rad=0.0, tolerance_m=0.0003, tolerance_rad=0.017,
+    )  # fmt: skip
+    ends = {"orientation": points[-1].orientation, "path": path}
+    turn = app("cartesian_motion", before.tn, path.tn, points[-1].position, **ends)
+    (*_, last) = planned_apps(as_file((before, turn)), 1.2)
+    led = [Rotation.from_quat(DOWN), *(Rotation.from_quat(leg.orientation) for leg in last.legs)]
+    turned = sum((b * a.inv()).magnitude() for a, b in itertools.pairwise(led))
+    assert turned == pytest.approx(math.radians(degrees), abs=0.01)
+    if last.legs:
+        assert last.legs[-1].position == pytest.approx(points[-1].position, abs=1e-9)
 
 
 def test_a_turn_in_place_takes_its_time():

@@ -26,7 +26,7 @@ from caesura_lab.teacher.scenarios import SCENARIOS, Scenario, moved
 from caesura_protocol.app_kinds import app_name
 from caesura_protocol.errors import CaesuraError, SourceError
 from caesura_protocol.number_words import counted
-from caesura_protocol.programs.checks import group_findings
+from caesura_protocol.programs.checks import group_findings, unfinished_findings
 from caesura_protocol.programs.checks.findings import CheckReport
 from caesura_protocol.programs.checks.mounting import mounting_findings
 from caesura_protocol.programs.document import ProgramFile, on_robot, read_document
@@ -91,7 +91,9 @@ def check(
             gripper_of(program),
         )
         mounting = mounting_findings(program.up, parsed_up(up))
-        report = CheckReport((*mounting, *report.findings, *group_findings(program)))
+        report = CheckReport(
+            (*unfinished_findings(program), *mounting, *report.findings, *group_findings(program))
+        )
     if as_json:
         typer.echo(json.dumps([asdict(one) for one in report.findings], indent=1))
     else:

@@ -173,7 +173,10 @@ def on_robot(program: ProgramFile, robot: str | None, *, retarget: bool = False)
     if not retarget:
         raise CaesuraError(f"the program was taught on {program.robot}, not on {name}: {LEFT_OUT}")
     steps = tuple(app.model_copy(update={"joints": None}) for app in program.apps)
-    note = f"Taught on {taught_on}, re-targeted to {name}: its poses stay, its joints are left out."
+    note = (
+        f"Taught on {taught_on}, re-targeted to {name}: its poses stay, its joints are left out. "
+        "Poses are those of the flange: the tool needs the length and the orientation of the taught one."
+    )
     return program.model_copy(update={**placed, "apps": steps, "notes": (*program.notes, note)})
 
 

@@ -226,3 +226,12 @@ def test_forces_that_were_not_zeroed_are_named_and_the_note_on_the_source_is_not
 
 def of_tare(program: ProgramFile) -> list[str]:
     return [one.reason for one in document_findings(program) if "tared" in one.reason.lower()]
+
+
+@pytest.mark.parametrize(("write", "robot", "gripper"), [*SCRIPTS, (behaviour_tree, "panda", "franka_hand")])
+def test_a_program_that_was_still_being_taught_says_so(write: Writer, robot: str, gripper: str):
+    # A script of half a demonstration looked like that of a whole one.
+    program = on_robot(pick_and_place(), robot, gripper)
+    said = "was still being taught at"
+    assert said not in write(program)
+    assert said in write(program.model_copy(update={"complete": False, "t": 12.0}))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.apps_by_phase import groups_by_first
 from caesura_protocol.programs.checks.fidelity import DemonstrationQuality, fidelity_findings
 from caesura_protocol.programs.checks.findings import Finding
@@ -31,6 +32,7 @@ __all__ = [
     "mounting_findings",
     "order_findings",
     "timing_findings",
+    "unfinished_findings",
     "value_findings",
     "workspace_findings",
 ]
@@ -39,7 +41,7 @@ __all__ = [
 def document_findings(program: ProgramFile) -> list[Finding]:
     """Return all findings on a program that need no robot, errors first."""
     quality = DemonstrationQuality(program.gaps, program.wrench, program.timing, program.notes)
-    found = [*mounting_findings(program.up), *group_findings(program)]
+    found = [*unfinished_findings(program), *mounting_findings(program.up), *group_findings(program)]
     try:
         held_by = gripper_of(program)
     except (GripperError, RobotError) as error:
@@ -55,6 +57,13 @@ def document_findings(program: ProgramFile) -> list[Finding]:
         found += workspace_findings(program.apps, program.safety)
         found += fidelity_findings(program.apps, quality, program.safety)
     return sorted(found, key=lambda one: one.severity)
+
+
+def unfinished_findings(program: ProgramFile) -> Iterator[Finding]:
+    """Yield a warning on a program whose demonstration had not ended."""
+    if not program.complete:
+        reason = f"was still being taught at {fixed(program.t, 1)} s: what was taught after that is missing"
+        yield Finding("warning", None, None, reason, program.t, None)
 
 
 def group_findings(program: ProgramFile) -> Iterator[Finding]:

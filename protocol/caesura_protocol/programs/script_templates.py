@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
-from itertools import pairwise
+from itertools import pairwise, repeat
 from pprint import pformat
 from textwrap import indent
 from typing import Any
@@ -110,15 +110,15 @@ def table_of_apps(
     program: ProgramFile,
     rows: Sequence[Mapping[str, Any]],
     width: int,
-    also: Callable[[App], Sequence[str]] = lambda app: (),
+    also: Iterable[Sequence[str]] = repeat(()),
 ) -> str:
     """Return the apps of a Python script as a list of rows, with the findings on an app above its row.
 
-    also: further comments on an app.
+    also: further comments on each app.
     """
     comments, groups, lines = findings_as_comments(program), group_comments(program), []
-    for index, (app, row) in enumerate(zip(program.apps, rows, strict=True)):
-        said = [app_name(index, app.kind), *comments.get(index, ()), *also(app)]
+    for index, (app, row, more) in enumerate(zip(program.apps, rows, also, strict=False)):
+        said = [app_name(index, app.kind), *comments.get(index, ()), *more]
         lines += [f"    {groups[index]}"] if index in groups else []
         lines += [f"    # {comment}" for comment in said]
         lines += [indent(pformat(row, width=width, sort_dicts=False), "    ") + ","]

@@ -13,7 +13,7 @@ from typing import Any
 
 from caesura_protocol.app_kinds import APP_KINDS, step_title
 from caesura_protocol.messages import App, Vector
-from caesura_protocol.programs.contact_forces import force_in_tool, orientation_halfway, without_friction
+from caesura_protocol.programs.contact_forces import force_in_tool, orientation_halfway
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.export_limits import acting_limits, refuse_beyond_limits, within_robot
 from caesura_protocol.programs.held_grasps import eased_grasps
@@ -39,6 +39,7 @@ WIDTH_MARGIN_M = 0.01  # by which the fingers are sent on past the width of what
 MOST_LEAN_RAD = math.radians(20.0)  # of a force from an axis along which it is pressed all the same
 NAMED_LEAN_RAD = math.radians(5.0)  # from which on the script says so
 SAME_RAD = math.radians(2.0)  # by which an axis of the tool must be nearer than one of the base
+LEAST_TURN_RAD_PER_S = 0.1  # of `set_position_aa`: XArm.__get_tcp_motion_params of SDK 1.18.4
 DIGITS = 6
 BASE, TOOL = 0, 1  # frames of the force controller
 
@@ -54,7 +55,8 @@ def xarm_script(program: ProgramFile) -> str:
     acceleration = within_robot(ACCELERATION_M_PER_S2, robot)
     refuse_beyond_limits(program)
     program = with_held_loads(program)
-    rows = [_row(planned, program) for planned in planned_apps(program, acceleration)]
+    planned = list(planned_apps(program, acceleration))
+    rows = [_row(one, program) for one in planned]
     texts = {
         "<NAME>": title_of(program),
         "<ROBOT>": in_docstring(title),
@@ -62,7 +64,9 @@ def xarm_script(program: ProgramFile) -> str:
         "<FINDINGS>\n": _fingers_comment(program) + head_comments(program),
         "<LIMITS>": "\n".join(acting_limits(program)),
         "<ACCELERATION>": f"{acceleration:g}",
-        "<APPS>": table_of_apps(program, rows, 106, _leaning),
+        "<APPS>": table_of_apps(
+            program, rows, 106, [[*_leaning(one.app), *_hurried(one)] for one in planned]
+        ),
     }
     return filled_template("xarm_template.py.txt", texts)
 
@@ -166,9 +170,19 @@ def _leaning(app: App) -> list[str]:
     """Return a warning on a force that leans from the axis along which it presses; else no line."""
     if app.kind != "apply_force":
         return []
-    frame, axis, lean_rad, _ = _axis(without_friction(app))
+    frame, axis, lean_rad, _ = _axis(app)
     said = f"its force leans by {math.degrees(lean_rad):.0f}° from {_axis_in_words(frame, axis)}"
     return [f"warning: {said}, along which it presses"] if lean_rad > NAMED_LEAN_RAD else []
+
+
+def _hurried(planned: PlannedApp) -> list[str]:
+    """Return a warning on turns in place that are slower than the SDK turns; else no line."""
+    rates = [leg.turn_rad / leg.seconds for leg in planned.legs if leg.speed_m_per_s is None]
+    slowest = min((rate for rate in rates if rate > 0.0), default=math.inf)
+    if slowest >= LEAST_TURN_RAD_PER_S:
+        return []
+    least = f"the SDK turns in place with at least {LEAST_TURN_RAD_PER_S:g} rad/s"
+    return [f"warning: it turns in place with {slowest:.3f} rad/s, and {least}: its turn takes less time"]
 
 
 def _pose(place: Vector, orientation: Quaternion | None) -> tuple[float, ...]:

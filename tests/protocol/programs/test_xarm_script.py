@@ -14,7 +14,7 @@ import pytest
 from caesura_protocol.messages import ScrewMotion
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.xarm_script import xarm_script
-from harness.programs import circle, path_from, pick_and_place, press, set_down_at_once, slid, squeezed
+from harness.programs import app, circle, path_from, pick_and_place, press, set_down_at_once, slid, squeezed
 
 from .xarm_runs import Arm, MovingArm, module_of, moved, on_xarm, run, stopped
 
@@ -373,3 +373,16 @@ def test_the_first_way_is_slow_where_only_the_fingers_moved_before_it():
     arm = run(on_xarm((opened, *press())), table_m=0.185)
     first = arm.calls("set_position_aa")[0]
     assert first.kwargs["speed"] == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize(("seconds", "slower"), [(6.0, False), (60.0, True)])
+def test_a_turn_in_place_that_the_sdk_makes_faster_is_named(seconds: float, slower: bool):
+    # The SDK raises a speed to 0.1 mm/s, and so a rate of turn to 0.1 rad/s: 90° in 60 s took 16 s.
+    first, turned = press()[2], (0.0, 1.0, 0.0, 0.0)
+    path = path_from(first.target, first.tn, first.tn + seconds, 0.0)
+    turn = app("cartesian_motion", first.tn, path.tn, first.target, orientation=turned, path=path)
+    program = on_xarm((first, turn))
+    said = "and the SDK turns in place with at least 0.1 rad/s"
+    assert (said in xarm_script(program)) == slower
+    rates = [call.kwargs["speed"] for call in run(program).calls("set_position_aa")]
+    assert (min(rates) < 0.1) == slower

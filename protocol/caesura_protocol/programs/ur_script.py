@@ -26,7 +26,7 @@ from caesura_protocol.programs.export_limits import (
 )
 from caesura_protocol.programs.held_grasps import eased_grasps
 from caesura_protocol.programs.planned_apps import LEAST_PAUSE_S, PlannedApp, planned_apps
-from caesura_protocol.programs.program_gripper import GRIPS, gripper_of, not_driven, with_held_loads
+from caesura_protocol.programs.program_gripper import GRIPS, SHUT_M, gripper_of, not_driven, with_held_loads
 from caesura_protocol.programs.script_templates import (
     filled_template,
     findings_as_comments,
@@ -318,7 +318,8 @@ def _robotiq(held_by: GripperDescription, app: App, eases: bool) -> list[str]:
 
 
 def _digital_output(held_by: GripperDescription, app: App, _eases: bool) -> list[str]:
-    return [f"set_standard_digital_out({held_by.output}, {app.kind == 'grasp'})", "sleep(0.5)"]
+    shuts = held_by.kind == "fingers" and app.gripper_width is not None and app.gripper_width <= SHUT_M
+    return [f"set_standard_digital_out({held_by.output}, {app.kind == 'grasp' or shuts})", "sleep(0.5)"]
 
 
 GRIPPER_CALLS: Mapping[str, Callable[[GripperDescription, App, bool], list[str]]] = {

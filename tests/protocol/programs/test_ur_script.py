@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from caesura_clients.cli.program_speed import at_speed
 from caesura_protocol.messages import App, AppPath, ScrewMotion, Vector, ViaPoint
+from caesura_protocol.programs.checks import gripper_findings
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.planned_apps import planned_apps
 from caesura_protocol.programs.safety import Safety
@@ -20,6 +21,7 @@ from caesura_protocol.programs.straight_legs import CHORD_M, LEGS
 from caesura_protocol.programs.ur_script import ur_script
 from caesura_protocol.programs.xarm_script import xarm_script
 from caesura_protocol.reproduced_path import curve_of
+from caesura_protocol.robots import GripperDescription
 from harness.programs import (
     DOWN,
     app,
@@ -202,6 +204,24 @@ def test_suction_switches_its_output():
         (0, True),
         (0, False),
     ]
+
+
+@pytest.mark.parametrize(
+    ("width_m", "shuts", "named"), [(0.0, True, False), (0.05, False, False), (0.02, False, True)]
+)
+def test_switched_fingers_shut_where_they_were_taught_to(
+    monkeypatch: pytest.MonkeyPatch, width_m: float, shuts: bool, named: bool
+):
+    # Every move of the fingers opened them, also one that shuts them before something is pushed.
+    fields = {"interface": "digital_output", "output": 3, "opening_m": 0.05, "force_n": 40.0, "event": "none"}
+    switched = GripperDescription.model_validate({"title": "pneumatic gripper", **fields})
+    monkeypatch.setattr("caesura_protocol.programs.ur_script.gripper_of", lambda program: switched)
+    leaves = press()[2]
+    moves = app("gripper_move", leaves.tn, leaves.tn + 1.0, leaves.target, gripper_width=width_m)
+    switches = played(on_ur((leaves, moves))).named("set_standard_digital_out")
+    assert [tuple(one.values()) for one in switches] == [(3, shuts)]
+    said = [one.reason for one in gripper_findings((leaves, moves), Safety(), switched)]
+    assert any("opens to 50 mm or shuts, and opens" in reason for reason in said) == named
 
 
 def test_legs_keep_to_a_fine_tolerance_of_their_path():

@@ -6,6 +6,8 @@ from collections.abc import Iterator, Sequence
 
 from caesura_protocol.messages import App
 from caesura_protocol.programs.checks.findings import Finding
+from caesura_protocol.programs.checks.value_ranges import WIDTH_TOLERANCE_M
+from caesura_protocol.programs.program_gripper import SHUT_M
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.robots import GripperDescription
 
@@ -21,6 +23,7 @@ def gripper_findings(apps: Sequence[App], safety: Safety, gripper: GripperDescri
         *_settings(safety, gripper),
         *_unseen_losses(apps, gripper),
         *_widths(apps, gripper),
+        *_between_states(apps, gripper),
         *_unstated_widths(apps, safety, gripper),
         *_unopened(apps, gripper),
     ]
@@ -63,6 +66,18 @@ def _widths(apps: Sequence[App], gripper: GripperDescription) -> Iterator[Findin
             if app.gripper_width:
                 reason = f"gripper width {1000 * app.gripper_width:g} mm: a {gripper.title} has no width"
                 yield Finding("warning", index, app.kind, reason, app.gripper_width, 0.0)
+
+
+def _between_states(apps: Sequence[App], gripper: GripperDescription) -> Iterator[Finding]:
+    """Yield a warning for each width of fingers that a switched gripper does not have: it opens or shuts."""
+    if gripper.kind == "suction" or gripper.interface != "digital_output":
+        return
+    for index, app in enumerate(apps):
+        width, opening = app.gripper_width, gripper.opening_m or 0.0
+        if app.kind == "gripper_move" and width is not None and SHUT_M < width < opening - WIDTH_TOLERANCE_M:
+            states = f"a {gripper.title} opens to {1000 * opening:g} mm or shuts, and opens"
+            reason = f"gripper width {1000 * width:g} mm: {states}"
+            yield Finding("warning", index, app.kind, reason, width, opening)
 
 
 def _unstated_widths(apps: Sequence[App], safety: Safety, gripper: GripperDescription) -> Iterator[Finding]:

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from caesura_protocol.messages import App, Segment
 from caesura_protocol.app_contacts import is_resisted
+from caesura_protocol.messages import App, Segment
 from caesura_service.constants import GRAVITY
 from caesura_service.program import GripperAction, Moment
 from service.program.segments import kinds, program, segment

@@ -35,6 +35,7 @@ from caesura_protocol.messages import (
     Close,
     Control,
     Correction,
+    DamagedSession,
     DeleteApp,
     Describe,
     Description,
@@ -416,6 +417,9 @@ def examples() -> dict[str, Message]:
             hints=hints,
         ),
         journal,
+        DamagedSession(
+            station="cell-1", session="s1", why="record 5 is damaged", opened=1767225600.25, set_aside=True
+        ),
         ServiceStatus(
             instance="caesura-0",
             epoch=2,

@@ -14,6 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, TypeVar
 
+from caesura_clients.damaged_session_words import damage_words, damaged_in
 from caesura_protocol.codec import Encoded, decode, is_other_version
 from caesura_protocol.errors import AccessDenied, CaesuraError, NotFound, ProtocolError, Unreachable
 from caesura_protocol.fragments import Reassembler
@@ -65,7 +66,7 @@ class SessionInfo:
 
     station: str
     session: str
-    state: Literal["open", "closed"]
+    state: Literal["open", "closed", "damaged"]  # damaged: its results cannot be read
     t: float  # [s] its last observation
     segments: int
     instance: str
@@ -73,6 +74,7 @@ class SessionInfo:
     success: bool | None = None  # None: not stated
     opened: float | None = None  # [s] time of day (UTC)
     deleted: bool = False
+    damage: str | None = None  # of a damaged one, with how to get its samples
 
 
 def snapshots(
@@ -240,6 +242,31 @@ def sessions(transport: Transport, station: str = "*", *, complete: bool = False
             deleted=one.status.description.deleted,
         )
         for one in found
+    ]
+
+
+def damaged_sessions(transport: Transport, station: str = "*") -> list[SessionInfo]:
+    """Return the sessions in the journals whose results cannot be read, the newest first.
+
+    None where these credentials may not query the service's status. Raises Unreachable, or ProtocolError.
+    """
+    try:
+        services = service_status(transport)
+    except AccessDenied:
+        return []
+    return [
+        SessionInfo(
+            station=one.station,
+            session=one.session,
+            state="damaged",
+            t=0.0,
+            segments=0,
+            instance=instance,
+            opened=one.opened,
+            damage=damage_words(one),
+        )
+        for instance, one in damaged_in(services)
+        if station in {"*", one.station}
     ]
 
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import pty
 import shutil
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -26,6 +29,8 @@ from caesura_service.journal.sqlite_database import is_in_use
 from caesura_service.offline_segmentation import BATCH_SAMPLES, opening_of, segment_recording
 from harness.commands import application
 from harness.demonstrations import guided
+from harness.journals import write_short_sessions
+from harness.processes import eventually, serving
 
 
 @pytest.fixture
@@ -316,3 +321,26 @@ def test_who_says_no_keeps_the_session(directory, monkeypatch):
     done = CliRunner().invoke(application(), words, input="n\n")
     assert "Delete samples, results and corrections of cell-1/s2 in " in done.output
     assert (done.exit_code, "cell-1/s2" in kept(directory)) == (1, True)
+
+
+def test_a_session_with_damaged_results_is_listed_and_its_samples_are_exported(tmp_path):
+    """No list had it."""
+    names = [f"s{number:02d}" for number in range(18)]  # of which a service holds the last 16
+    write_short_sessions(tmp_path, [("cell-1", name) for name in names])
+    with closing(sqlite3.connect(journal_path(tmp_path, "caesura-1"))) as file, file:
+        file.execute("UPDATE outcomes SET snapshot = substr(snapshot, 1, 50) WHERE session_id = 2")
+    with serving(tmp_path) as service:
+        asked = ("list", "--connect", service.endpoint)
+        eventually(lambda: "damaged" in caesura(*asked).stdout)
+        _, _, _, *rows, _, last = caesura(*asked).stdout.splitlines()
+        assert [row.split()[1] for row in rows] == [*names[2:], "s01"]
+        out = tmp_path / "s01.npz"
+        assert last == (
+            "cell-1/s01: its results are damaged; on the service's machine, "
+            "`caesura sessions export s01 --station cell-1` writes its samples"
+        )
+        listed = json.loads(caesura(*asked, "--json").stdout)
+        assert [(one["session"], one["state"]) for one in listed if one["damage"]] == [("s01", "damaged")]
+        done = caesura("export", "s01", "--station", "cell-1", "-o", out, "--journal", tmp_path)
+    assert done.exit_code == 0, done.stderr
+    assert load_recording(out).t.size == 20

@@ -67,9 +67,14 @@ def written(
             journal.store_outcome(station, Outcome(opening, count - 1, closed))
 
 
-def write_short_sessions(folder: Path, keys: Sequence[tuple[str, str]]) -> None:
-    """Write closed sessions of 0.2 s (station, session), one after the other: some thousands in seconds."""
-    rows, result = taught(0.2), ended("motion", t=0.2)
+def write_short_sessions(
+    folder: Path, keys: Sequence[tuple[str, str]], kinds: Sequence[str] = ("motion",)
+) -> None:
+    """Write closed sessions of 0.2 s (station, session), one after the other: some thousands in seconds.
+
+    kinds: of their segments.
+    """
+    rows, result = taught(0.2), ended(*kinds, t=0.2)
     folder.mkdir(exist_ok=True, parents=True)
     with SqliteJournal(folder / "caesura-1.sqlite", UNLIMITED) as journal:
         for number, (station, session) in enumerate(keys):

@@ -48,9 +48,10 @@ def sessions_view(infos: Sequence[SessionInfo], width: int | None = None) -> Ren
             del shown[heading]
             hidden.append(heading)
             table = _sessions_table(shown)
-    if not hidden:
-        return table
-    return Group(table, Text(f"no room for {', '.join(hidden)}: --json has all", style="dim"))
+    below = [Text(f"{info.station}/{info.session}: {info.damage}") for info in infos if info.damage]
+    if hidden:
+        below.append(Text(f"no room for {', '.join(hidden)}: --json has all", style="dim"))
+    return Group(table, *below) if below else table
 
 
 def _columns_of(infos: Sequence[SessionInfo]) -> dict[str, list[str]]:
@@ -62,14 +63,20 @@ def _columns_of(infos: Sequence[SessionInfo]) -> dict[str, list[str]]:
         "task": [info.task or "–" for info in infos],
         "success": [RESULTS[info.success] for info in infos],
         "state": ["deleted" if info.deleted else info.state for info in infos],
-        "t [s]": [local_moment(info.t) if is_of_day(info.t) else f"{info.t:.1f}" for info in infos],
-        "segments": [str(info.segments) for info in infos],
+        "t [s]": [_last_time(info) for info in infos],
+        "segments": ["–" if info.damage else str(info.segments) for info in infos],
         "instance": [info.instance for info in infos],
     }
     nothing = {name for name in ("task", "success") if set(columns[name]) == {"–"}}
     if len(set(columns["instance"])) == 1:
         nothing.add("instance")
     return {name: cells for name, cells in columns.items() if name not in nothing}
+
+
+def _last_time(info: SessionInfo) -> str:
+    if info.damage:
+        return "–"
+    return local_moment(info.t) if is_of_day(info.t) else f"{info.t:.1f}"
 
 
 def _sessions_table(columns: Mapping[str, Sequence[str]]) -> Table:

@@ -21,7 +21,7 @@ from caesura_clients.cli.result_tables import (
     segments_view,
 )
 from caesura_clients.cli.session_table import print_sessions
-from caesura_clients.query import sessions
+from caesura_clients.query import damaged_sessions, sessions
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.session_time_display import clock_of
 
@@ -41,6 +41,10 @@ def list_sessions(
                 raise
             found = caesura.sessions(station or "*")
             typer.echo(f"not all sessions are listed: {error.message}", err=True)
+        try:
+            found += damaged_sessions(caesura.transport, station or "*")
+        except ProtocolError as error:
+            typer.echo(f"damaged sessions are not listed: {error.message}", err=True)
     if as_json:
         typer.echo(json.dumps([asdict(info) for info in found], indent=2))
     else:

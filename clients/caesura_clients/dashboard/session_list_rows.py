@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+from caesura_clients.damaged_session_words import damage_words, damaged_in, unlisted_words
 from caesura_clients.dashboard.station_summary import DashboardState, gaps, lasted
 from caesura_clients.session_state_reader import Update
+from caesura_protocol.messages import DamagedSession
 from caesura_protocol.number_words import counted
+from caesura_protocol.session_time_display import local_moment
 
 
 def sessions(world: DashboardState) -> list[dict[str, Any]]:
@@ -14,6 +17,19 @@ def sessions(world: DashboardState) -> list[dict[str, Any]]:
     known = {**world.stored, **world.updates}
     newest = sorted(known.values(), key=_age, reverse=True)
     return [_row(update) for update in newest]
+
+
+def damaged(world: DashboardState) -> list[str]:
+    """Return a line for each session that has no row because its results cannot be read."""
+    lines = [
+        f"{one.station}/{one.session}{_opened(one)}: {damage_words(one)}"
+        for _, one in damaged_in(world.services)
+    ]
+    return [*lines, *filter(None, [unlisted_words(world.services)])]
+
+
+def _opened(one: DamagedSession) -> str:
+    return "" if one.opened is None else f", taught {local_moment(one.opened)}"
 
 
 OFFERED = 50  # sessions that may take the place of a part

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 
+from caesura_clients.damaged_session_words import damage_words, damaged_in, unlisted_words
 from caesura_clients.doctor.findings import CheckResult, graded
 from caesura_clients.doctor.probes import ProbeResult, TimedServiceStatus
 from caesura_clients.station_budget_texts import budgets_in_words, held_back
@@ -98,6 +99,7 @@ def check_instance(reported: TimedServiceStatus) -> Iterator[CheckResult]:
     status = reported.status
     yield _check_clock(reported)
     yield _check_journal(status)
+    yield from _check_damage(status)
     found = f"{status.instance}: {status.queue} of {status.queue_capacity} wait, {status.dropped} dropped"
     remedy = "it is behind: more instances (`--instances N`), or fewer stations on this one"
     behind = status.overloaded or status.queue > QUEUE_SHARE * status.queue_capacity
@@ -154,6 +156,17 @@ def _check_journal(status: ServiceStatus) -> CheckResult:
         "--journal-gb: once it is full, samples are refused, and lost after ten minutes at 1 kHz"
     )
     return graded("journal", f"{found}{every}", (crowded, "warn", room), (full, "warn", remedy))
+
+
+def _check_damage(status: ServiceStatus) -> Iterator[CheckResult]:
+    """Yield a warning for each session of the journal whose results cannot be read."""
+    for _, one in damaged_in([status]):
+        damage = f"{status.instance}: {one.station}/{one.session}: {damage_words(one)}"
+        yield CheckResult("warn", "journal", damage, "check the disk of the journal")
+    if unlisted := unlisted_words([status]):
+        yield CheckResult(
+            "warn", "journal", f"{status.instance}: {unlisted}", "check the disk of the journal"
+        )
 
 
 def _check_budgets(status: ServiceStatus) -> Iterator[CheckResult]:

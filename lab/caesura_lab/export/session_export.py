@@ -10,13 +10,14 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from caesura_protocol.formats.mcap_schemas import TaskProgram
 from caesura_protocol.messages import Open, Program
 from caesura_protocol.recording import Recording, RecordingError
 from caesura_service.config import DEFAULT_PRESET
-from caesura_service.journal import Journal, MemoryJournal, Outcome, Record
+from caesura_service.journal import Journal, JournalDamagedError, MemoryJournal, Outcome, Record
 from caesura_service.offline_segmentation import recording_of
 from caesura_service.ownership.registry import Registry
 from caesura_service.ownership.takeover import is_current
@@ -62,7 +63,9 @@ def _with_preset(record: Record) -> Record:
 
 def _whole_outcome(journal: Journal, station: str, session: str) -> Outcome | None:
     """Return the stored outcome of a closed session, where it has all gaps and the last edit."""
-    outcome = journal.outcome(station, session)
+    outcome = None
+    with suppress(JournalDamagedError):  # its records have all that the outcome has
+        outcome = journal.outcome(station, session)
     (copy,) = journal.copies(station, session)
     whole = outcome is not None and not outcome.snapshot.status.gaps_before and is_current(outcome, copy)
     return outcome if whole else None

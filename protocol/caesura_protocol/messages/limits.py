@@ -11,6 +11,7 @@ MAX_BATCHES_AHEAD = 1_000_000  # of the expected one; further ahead is not a seq
 MAX_COLUMNS = 64
 MAX_GAPS = 256  # that a status lists
 MAX_BUDGETS = 32  # stations whose budgets a service status lists
+MAX_DAMAGED = 16  # sessions that the report on a journal lists
 MAX_VIA_POINTS = 64  # of the path of an app
 MAX_HOLES = 2048  # that recorded samples list
 MAX_TAGS = 16  # of a session

@@ -17,11 +17,12 @@ from caesura_protocol.messages.field_types import (
     Listed,
     Name,
     Seconds,
+    StatusText,
     Up,
     Vector,
     WrenchSource,
 )
-from caesura_protocol.messages.limits import MAX_BUDGETS
+from caesura_protocol.messages.limits import MAX_BUDGETS, MAX_DAMAGED
 from caesura_protocol.messages.message import Message
 from caesura_protocol.messages.results import Gap, Result
 from caesura_protocol.messages.session_commands import Description, DescriptionAuthor
@@ -107,6 +108,16 @@ class SessionStatus(Result):
     opened: Seconds | None = None  # [s] time of day (UTC) of its opening; None where that is not known
 
 
+class DamagedSession(Message):
+    """A session in a journal that no query finds: its results are unreadable, or records are damaged."""
+
+    station: Name
+    session: Name
+    why: StatusText
+    opened: Seconds | None = None  # [s] time of day (UTC) of its opening; None where that is not known
+    set_aside: bool = False  # records are damaged, and its name is free; False: its samples can be read
+
+
 class JournalReport(Message):
     """Report on the journal of an instance: its kind, its size, its limit, and the reason if it fails."""
 
@@ -117,6 +128,8 @@ class JournalReport(Message):
     waiting: Count = 0  # [bytes] not yet written
     disk_free: Count | None = None  # [bytes] that its disk has left; None: in memory, or not known
     trouble: str | None = None  # why nothing can be written now
+    damaged: Annotated[Listed[DamagedSession], Field(max_length=MAX_DAMAGED)] = ()  # the newest ones
+    damaged_before: Count = 0  # further ones that are not listed
 
 
 class ServiceStatus(Message):

@@ -128,7 +128,11 @@ class PeerJournals:
     def outcome(self, found: PeerCopy) -> Outcome | None:
         """Return the outcome of a session; None if there is none or it is unreadable."""
         row = self._query(found.path, lambda kept: kept.execute(SELECT_OUTCOME, found.copy.key).fetchone())
-        return outcome_of(found.copy.key, *row) if row else None
+        try:
+            return outcome_of(found.copy.key, row) if row else None
+        except JournalDamagedError as damage:
+            self._warn_once(JournalDamagedError(f"{found.path}: {'/'.join(found.copy.key)}: {damage}"))
+            return None
 
     def edits(self, found: PeerCopy) -> tuple[AppliedEdit, ...]:
         """Return the edits of a copy, oldest first; none if they cannot be read."""

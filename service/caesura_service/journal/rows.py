@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import sqlite3
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 from caesura_protocol.codec import decode, encode, encoding_of
@@ -45,9 +45,9 @@ logger = logging.getLogger(__name__)
 
 PAGE = 500  # records read at once
 ROW_BYTES = 100  # of a record beside its payload
-DAMAGED_OUTCOME = (
-    "the outcome of %s is damaged: a session that the service holds is rebuilt from its records; of an older "
-    "one, `caesura sessions export` writes the samples"
+UNREADABLE_OUTCOME = (
+    "the outcome of %s cannot be read, %s: a session that the service holds is rebuilt from its records; of "
+    "an older one, `caesura sessions export` writes the samples"
 )
 _RECORDABLE: tuple[type[Recordable], ...] = (
     Open,
@@ -184,32 +184,24 @@ def pages_of(database: sqlite3.Connection, session: SessionRow, last: int) -> It
         )
 
 
-def outcome_of(
-    key: Key,
-    _session_id: int,
-    opening: bytes,
-    last_seq: int,
-    snapshot: bytes,
-    crc: int | None = None,
-    *,
-    may_log: Callable[[str], bool] = lambda _session: True,
-) -> Outcome | None:
-    """Decode an outcome; None if it is damaged or in an older format.
-
-    may_log: returns whether the damage of a session is logged now.
-    """
-    if not is_intact(crc, *key, opening, last_seq, snapshot):
-        if may_log(name := "/".join(key)):
-            logger.warning(DAMAGED_OUTCOME, name)
-        return None
+def outcome_of(key: Key, row: Sequence[Any]) -> Outcome:
+    """Decode a row of the table of outcomes. Raises JournalDamagedError where it cannot be read."""
+    _, opening, last_seq, snapshot = verified_outcome(key, row)[:4]
     try:
         return Outcome(
             decode(opening, encoding_of(Open), Open),
             last_seq,
             decode(snapshot, encoding_of(Snapshot), Snapshot, limit=MAX_WHOLE_BYTES),
         )
-    except ProtocolError:
-        return None
+    except ProtocolError as error:
+        raise JournalDamagedError("its results are in the format of another version") from error
+
+
+def verified_outcome(key: Key, row: Sequence[Any]) -> Sequence[Any]:
+    """Return a row of the table of outcomes after a check of its checksum. Raises JournalDamagedError."""
+    if not is_intact((*row[4:], None)[0], *key, *row[1:4]):
+        raise JournalDamagedError("its results are damaged")
+    return row
 
 
 def copies_in(database: sqlite3.Connection, *key: str | None) -> tuple[Copy, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import sqlite3
+from contextlib import suppress
 from pathlib import Path
 
 from caesura_service.journal.bulk_insert import write_rows
@@ -58,5 +59,8 @@ def _copy(damaged: sqlite3.Connection, session: SessionRow, database: sqlite3.Co
         write_rows(database, [row.copy_row(session.key) for row in page])
     if session.damage is not None:
         database.execute(KEEP_ASIDE, session._asdict())
-    if (outcome := damaged.execute(SELECT_OUTCOME, session.key).fetchone()) is not None:
+    outcome = None
+    with suppress(sqlite3.DatabaseError):  # without it the session is reported, and its samples are kept
+        outcome = damaged.execute(SELECT_OUTCOME, session.key).fetchone()
+    if outcome is not None:
         database.execute(INSERT_OUTCOME, (*outcome[1:], *session.key))

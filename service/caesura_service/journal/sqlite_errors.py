@@ -47,6 +47,7 @@ KINDS = {
 
 
 LACKS_OF_ROOM: Mapping[int, str] = {errno.ENOSPC: "SQLITE_FULL", errno.EDQUOT: "QUOTA_FULL"}
+UNDECODABLE = "Could not decode to UTF-8"  # a flipped bit makes a blob a text
 UNEXPLAINED = frozenset({"SQLITE_CANTOPEN", "SQLITE_READONLY", "SQLITE_IOERR"})
 
 
@@ -59,7 +60,9 @@ def map_sqlite_errors(path: Path) -> Iterator[None]:
         name = getattr(error, "sqlite_errorname", "")
         if name not in REMEDIES:
             name = "_".join(name.split("_")[:2])
-        if not isinstance(error, sqlite3.Error):
+        if str(error).startswith(UNDECODABLE):  # Python's, without a name
+            name = "SQLITE_CORRUPT"
+        elif not isinstance(error, sqlite3.Error):
             name = _name_of(error) if isinstance(error, OSError) else "SQLITE_CORRUPT"
         refusal = _refused_write(path) if name in UNEXPLAINED else 0
         if name == "SQLITE_IOERR":

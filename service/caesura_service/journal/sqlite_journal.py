@@ -14,15 +14,14 @@ import shutil
 import sqlite3
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence, Set
 from contextlib import ExitStack, closing, suppress
 from itertools import accumulate, chain
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self, TypeVar, cast
 
 from caesura_protocol.messages import Edit, EditProgram, JournalReport
-from caesura_protocol.token_bucket import LOG_RATE, RateLimit
 from caesura_service.journal.applied_edits import AppliedEdit
 from caesura_service.journal.damaged_file import (
     integrity_error,
@@ -31,10 +30,13 @@ from caesura_service.journal.damaged_file import (
     read_through,
     repair_indices,
 )
+from caesura_service.journal.damaged_sessions import NOT_STORED, DamageReport, beside
 from caesura_service.journal.deletion import mark_deleted
 from caesura_service.journal.journal import (
     Copy,
+    JournalDamagedError,
     JournalError,
+    JournalMalformedError,
     Key,
     Outcome,
     Record,
@@ -54,6 +56,7 @@ from caesura_service.journal.retention import (
 )
 from caesura_service.journal.retraction import retract
 from caesura_service.journal.rows import (
+    UNREADABLE_OUTCOME,
     SessionRow,
     Stored,
     changes_of,
@@ -63,6 +66,7 @@ from caesura_service.journal.rows import (
     outcome_of,
     pages_of,
     record_of,
+    verified_outcome,
     verify,
 )
 from caesura_service.journal.salvage import copy_intact_sessions
@@ -75,17 +79,20 @@ from caesura_service.journal.sqlite_database import (
 )
 from caesura_service.journal.sqlite_errors import map_sqlite_errors
 from caesura_service.journal.sqlite_statements import (
+    SELECT_ASIDE,
     SELECT_CHANGES,
     SELECT_CLOSED,
     SELECT_DAYS,
     SELECT_EDIT_AT,
     SELECT_EDITS,
     SELECT_EXTENT,
+    SELECT_HAS_OUTCOME,
     SELECT_KEYS,
     SELECT_NEWEST,
     SELECT_OLD,
     SELECT_OLDEST_CLOSED,
     SELECT_OPEN,
+    SELECT_OPENED,
     SELECT_OUTCOME,
     SELECT_ROWS,
     SELECT_SESSIONS,
@@ -97,6 +104,8 @@ from caesura_service.journal.wal_integrity import log_integrity_error
 from caesura_service.journal.writer_thread import SqliteWriter
 
 logger = logging.getLogger(__name__)
+
+T = TypeVar("T")
 
 MAX_ID = (1 << 63) - 1  # of a row
 PATIENCE = 10  # times that tidying may be put off
@@ -120,7 +129,7 @@ class SqliteJournal(SqliteWriter):
         self._next_look_s = 0.0  # [s]
         self._skipped_looks = 0  # looks, since the last one
         self._has_compared_clock = False
-        self._log_rate = RateLimit(LOG_RATE)  # of damaged outcomes, which any query may read again
+        self._damage = DamageReport()  # as of the last look
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -143,6 +152,8 @@ class SqliteJournal(SqliteWriter):
             self._start_thread(stack)
             self._read_usage()
             self._deleted_elsewhere()
+            if self._alone:
+                stack.enter_context(beside(self._check_outcomes(), "caesura-outcomes"))
             self._wake.set()  # to finish deletions that were begun
             if is_new:
                 hint = "no earlier session is known; if it has a disk of its own, that is not mounted"
@@ -238,13 +249,68 @@ class SqliteJournal(SqliteWriter):
             waiting = self._outcomes.get((station, session))
         if waiting is not None:
             return waiting
+        return self._read_results((station, session), outcome_of)
+
+    def _read_results(self, key: Key, read: Callable[[Key, Sequence[Any]], T]) -> T | None:
+        """Return what `read` makes of the stored outcome; None without one, or if it cannot be read.
+
+        That is recorded and logged once. Raises JournalError.
+        """
+        with suppress(JournalDamagedError):
+            results = self._read_outcome(key, read)
+            if self._unreadable.has(key):
+                self._unreadable.remove(key)
+            return results
+        with self._unreadable.lock:
+            try:
+                return self._read_outcome(key, read)
+            except JournalDamagedError as damage:
+                self._add_unreadable(key, str(damage))
+                if isinstance(damage, JournalMalformedError):  # it may be readable again
+                    raise
+        return None
+
+    def _read_outcome(self, key: Key, read: Callable[[Key, Sequence[Any]], T]) -> T | None:
         with self._reading, map_sqlite_errors(self.path):
-            found = self._reader.execute(SELECT_OUTCOME, (station, session)).fetchone()
-        key = (station, session)
-        return None if found is None else outcome_of(key, *found, may_log=self._log_rate.allows)
+            found = self._reader.execute(SELECT_OUTCOME, key).fetchone()
+        return None if found is None else read(key, found)
+
+    def _add_unreadable(self, key: Key, why: str, level: int = logging.WARNING) -> None:
+        with self._reading, map_sqlite_errors(self.path):
+            found = self._reader.execute(SELECT_OPENED, key).fetchone()
+        if found is not None and self._unreadable.add(key, found[0], why):
+            logger.log(level, UNREADABLE_OUTCOME, "/".join(key), why)
+
+    def _check_outcomes(self) -> Generator[None, None, None]:
+        """Check that the outcome of each closed session can be read, one a step. Raises JournalError."""
+        with open_for_reading(self.path) as database:
+            with map_sqlite_errors(self.path):
+                closed = database.execute(SELECT_HAS_OUTCOME).fetchall()
+            for *key, has_outcome in closed:
+                with suppress(JournalDamagedError):
+                    self._check_outcome(database, cast(Key, tuple(key)), has_outcome)
+                yield
+
+    def _check_outcome(self, database: sqlite3.Connection, key: Key, has_outcome: int) -> None:
+        if not has_outcome:
+            with self._unreadable.lock:
+                if self._read_outcome(key, verified_outcome) is None:  # a session in memory is rebuilt soon
+                    self._add_unreadable(key, NOT_STORED, logging.INFO)
+            return
+        try:
+            with map_sqlite_errors(self.path):
+                found = database.execute(SELECT_OUTCOME, key).fetchone()
+            if found is not None:
+                verified_outcome(key, found)
+        except JournalDamagedError:
+            self._read_results(key, verified_outcome)
 
     def outcomes(self, station: str | None = None, session: str | None = None) -> Iterator[StoredOutcome]:
-        """Yield the sessions with an outcome, the newest first; they are read a page at a time."""
+        """Yield the sessions with an outcome, the newest first; they are read a page at a time.
+
+        Without those whose outcome is known to be unreadable: they would count as skipped, and a page would
+        repeat sessions of the page before.
+        """
         with self._guard:
             waiting = [key for key in reversed(self._outcomes) if is_named(key, station, session)]
         yield from (StoredOutcome(key, 0) for key in waiting)
@@ -258,7 +324,7 @@ class SqliteJournal(SqliteWriter):
                 return
             below = page[-1][0]
             for _, *key, size in page:
-                if (known := tuple(key)) not in waiting:
+                if (known := tuple(key)) not in waiting and not self._unreadable.has(known):
                     yield StoredOutcome(known, size)
 
     def _pages(self, session: SessionRow, last: int) -> Iterator[Record]:
@@ -431,6 +497,8 @@ class SqliteJournal(SqliteWriter):
             waiting=self._waiting_bytes,
             disk_free=_disk_free(self.path),
             trouble=str(self._error) if self._error else None,
+            damaged=self._damage.listed,
+            damaged_before=self._damage.before,
         )
 
     def _start_new_file(self, stack: ExitStack, damage: str) -> None:
@@ -458,16 +526,18 @@ class SqliteJournal(SqliteWriter):
                     self._quarantine(row, f"the entry of {'/'.join(row.key)} is damaged")
 
     def _read_usage(self) -> list[StationUsage]:
-        """Return the usage of each station on disk, and recount the open sessions."""
+        """Return the usage of each station on disk; recount the open sessions and the damaged ones."""
         with self._writing, map_sqlite_errors(self.path):
             usages = [StationUsage(*row) for row in self._database.execute(SELECT_USAGE)]
             open_sizes = {
                 (station, session): size for station, session, size in self._database.execute(SELECT_OPEN)
             }
+            aside = self._database.execute(SELECT_ASIDE).fetchall()
             part = open_part(usages, self.settings)
             with self._guard:  # while this thread holds the database, what waits is not on disk
                 self._open_sessions.renew(open_sizes, self._waiting, part)
         self._size = sum(usage.size for usage in usages)
+        self._damage = self._unreadable.report(aside, self._known)
         return usages
 
 

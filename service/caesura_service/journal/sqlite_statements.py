@@ -113,6 +113,13 @@ SELECT_USAGE = """
 SELECT station, sum(size), count(*), sum(closed != 0), min(touched)
 FROM sessions WHERE station != '' GROUP BY station"""
 SELECT_OPEN = "SELECT station, session, size FROM sessions WHERE station != '' AND NOT closed"
+SELECT_ASIDE = """
+SELECT station, session, opened, damage FROM sessions
+WHERE station != '' AND damage IS NOT NULL AND session LIKE '%.damaged-%'"""
+SELECT_OPENED = "SELECT opened FROM sessions WHERE station = ? AND session = ?"
+SELECT_HAS_OUTCOME = f"""
+SELECT station, session, session_id IS NOT NULL FROM sessions LEFT JOIN outcomes ON session_id = id
+WHERE {KNOWN} AND closed ORDER BY id DESC"""
 SELECT_OLD = """
 SELECT station, session, touched FROM sessions
 WHERE station != '' AND touched < ? ORDER BY closed = 0, touched LIMIT ?"""

@@ -22,10 +22,12 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import MAX_WHOLE_BYTES
 from caesura_service.journal.bulk_insert import portions, write_rows
 from caesura_service.journal.checksums import checksum
+from caesura_service.journal.damaged_sessions import UnreadableResults
 from caesura_service.journal.deletion import delete_batch
 from caesura_service.journal.file_identity import JournalFileIdentity
 from caesura_service.journal.journal import (
     EncodedBatch,
+    JournalDamagedError,
     JournalError,
     JournalFullError,
     Key,
@@ -76,6 +78,7 @@ class SqliteWriter:
         self._writing = threading.RLock()  # of the database
         self._error: JournalError | None = None
         self._open_sessions = OpenSessions()
+        self._unreadable = UnreadableResults()
         self._known: set[Key] = set()  # sessions, at the last look and since
         self._reserve = Reserve(path)
         self._files = JournalFileIdentity(path)
@@ -157,6 +160,8 @@ class SqliteWriter:
             may_wait = 0
             try:
                 self._write_outcome(key, outcome)
+            except JournalDamagedError as damage:  # of what it replaces: the disk refuses it at every attempt
+                logger.error("the outcome of %s is not kept, it will be replayed: %s", "/".join(key), damage)
             except JournalError:
                 may_wait = OUTCOMES
                 raise
@@ -235,6 +240,7 @@ class SqliteWriter:
             self._leave_room(len(snapshot))
             with map_sqlite_errors(self.path), transaction(self._database):
                 self._database.execute(INSERT_OUTCOME, (opening, outcome.last_seq, snapshot, crc, *key))
+        self._unreadable.remove(key)
 
     def _leave_room(self, size: int) -> None:
         """Raise JournalFullError if the rest of the disk is reserved for deletions, which have freed too

@@ -117,6 +117,11 @@ OF_JOURNAL: tuple[tuple[str, str, Callable[[JournalReport], float]], ...] = (
     ),
     ("caesura_journal_waiting_bytes", "Records not yet written.", lambda one: one.waiting),
     (
+        "caesura_journal_damaged_sessions",
+        "Sessions whose results cannot be read, or that are set aside.",
+        lambda one: len(one.damaged) + one.damaged_before,
+    ),
+    (
         "caesura_journal_trouble",
         "1 while the journal cannot be written.",
         lambda one: one.trouble is not None,

@@ -369,8 +369,17 @@ class Registry:
         return self._rebuilder.step(station)
 
     def journal_report(self) -> JournalReport:
-        """Return the state of the journal; any thread may call it."""
-        return self._journal.report()
+        """Return the state of the journal; any thread may call it.
+
+        A session in memory is not listed as damaged, as it can be read.
+        """
+        report, held = self._journal.report(), self.index.sessions
+        damaged = tuple(
+            one
+            for one in report.damaged
+            if one.set_aside or all(held_one.name != one.session for held_one in held.get(one.station, ()))
+        )
+        return report.model_copy(update={"damaged": damaged})
 
     def _open(self, station: str, command: Open, now: float) -> list[Output]:
         self._station_limit.check_has_room(self._held.by_station, station, now)

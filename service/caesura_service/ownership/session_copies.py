@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from contextlib import suppress
 from typing import NamedTuple
 
 from caesura_protocol.errors import ProtocolError
@@ -12,6 +13,7 @@ from caesura_service.journal import (
     Copy,
     Journal,
     JournalDamagedError,
+    JournalMalformedError,
     Outcome,
     PeerCopy,
     PeerJournals,
@@ -129,7 +131,17 @@ class JournalSet:
         """Return the outcome that the best copy has; None without one."""
         if copies.peer is not None and copies.best is copies.peer.copy:
             return self._peers.outcome(copies.peer)
-        return self._own.outcome(*copies.best.key)
+        return self.own_outcome(copies.best)
+
+    def own_outcome(self, copy: Copy) -> Outcome | None:
+        """Return the outcome in the own journal; None without one that can be read. Raises JournalError."""
+        try:
+            return self._own.outcome(*copy.key)
+        except JournalMalformedError:
+            self._own.check_readable()  # else it could be read again later
+        with suppress(JournalMalformedError):
+            return self._own.outcome(*copy.key)
+        return None
 
     def own_records(self, copy: Copy) -> Iterator[Record]:
         """Return the own journal's records of a session.

@@ -1,17 +1,19 @@
 """Closed sessions that are no longer in memory: their outcomes, read from the journal page by page.
 
 An instance answers for the stations that it serves, from its own journal. A session whose outcome was not
-written, or is only in another instance's journal, is not listed and does not count for a page.
+written, is damaged, or is only in another instance's journal, does not count for a page. The report on the
+journal lists those without an undamaged outcome (`journal/damaged_sessions.py`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 from caesura_protocol.keys import StoredPage
 from caesura_protocol.messages import Program, Snapshot
 from caesura_service.cooperative_scheduler import give_way
-from caesura_service.journal import Journal, Key
+from caesura_service.journal import Journal, JournalDamagedError, Key, Outcome
 from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.program_edits import at_edit, log_of, with_edits
 
@@ -60,7 +62,7 @@ class StoredSessions:
             size += one.size
             if size > max(PAGE_BYTES, one.size):
                 return
-            if (outcome := self._journal.outcome(*one.key)) is not None:
+            if (outcome := self._outcome(*one.key)) is not None:
                 yield _edited(outcome.snapshot, wanted.edits)
                 left -= 1
             if not left:
@@ -68,12 +70,18 @@ class StoredSessions:
 
     def has(self, station: str, session: str) -> bool:
         """Whether the journal has the outcome of a session that is not in memory. Raises JournalError."""
-        return self.answers_for(station, session) and self._journal.outcome(station, session) is not None
+        return self.answers_for(station, session) and self._outcome(station, session) is not None
 
     def program(self, station: str, session: str) -> Program | None:
         """Return the program of an outcome, with its edits; None without one. Raises JournalError."""
-        outcome = self._journal.outcome(station, session)
+        outcome = self._outcome(station, session)
         return None if outcome is None else _edited(outcome.snapshot).program
+
+    def _outcome(self, station: str, session: str) -> Outcome | None:
+        """Return an outcome; None without one that can be read, which the journal reports."""
+        with suppress(JournalDamagedError):
+            return self._journal.outcome(station, session)
+        return None
 
 
 def _edited(snapshot: Snapshot, number: int | None = None) -> Snapshot:

@@ -160,7 +160,7 @@ class Takeover:
                     return (yield from self._replay_readable(copies.own, owner))
                 except JournalDamagedError as damage:
                     yield [TakeoverFailed(*key, damage)]
-                    if self._own.outcome(*key) is not None:
+                    if self._journals.own_outcome(copies.own) is not None:
                         return None  # its outcome still answers queries
                     self._own.quarantine(*key, str(damage))
                     if copies.peer is None:

@@ -13,15 +13,20 @@ from pathlib import Path
 
 import pytest
 
+from caesura_lab.export.session_export import read_session_export
+from caesura_protocol.keys import StoredPage
 from caesura_protocol.messages import Ack, Edit, Insert, Undo
 from caesura_service.journal import JournalError, JournalSettings, PeerJournals, Record, SqliteJournal
 from caesura_service.journal.journal import Refused
-from caesura_service.journal.rows import DAMAGED_OUTCOME
+from caesura_service.journal.rows import UNREADABLE_OUTCOME
 from caesura_service.journal.sqlite_statements import COLUMNS_4
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.session_state import program_of
 from harness.failing import SOURCE as FAILING
+from harness.journals import ended, taught
+from harness.journals import written as recorded
 from harness.power import COMPILER, NO_COMPILER, build, environment
+from harness.processes import eventually
 from harness.sessions import NAME, STATION, answer, batch, batches, new_registry, opening, unowned
 from harness.sessions import closing as close_of
 
@@ -176,7 +181,9 @@ def test_a_damaged_outcome_is_rebuilt_from_the_records(written, tmp_path, caplog
     spoil(path, "UPDATE outcomes SET last_seq = last_seq + 1")
     found, said = after_restart(path, caplog)
     assert found[0] == expected[0]
-    assert sorted(said) == [DAMAGED_OUTCOME % name for name in ("cell-1/s2", "cell-2/s1")]
+    assert sorted(said) == [
+        UNREADABLE_OUTCOME % (name, "its results are damaged") for name in ("cell-1/s2", "cell-2/s1")
+    ]
 
 
 def test_a_closed_session_with_a_damaged_record_can_be_asked_for_and_not_be_corrected(
@@ -247,6 +254,75 @@ def test_of_a_torn_file_a_session_that_is_set_aside_stays_so_with_its_reason(wri
         assert aside() == [expected]
         assert len(journal.changes(STATION, str(expected[0]))) == 2
         assert [*path.parent.glob("*.damaged-*")]
+
+
+def cut(path: Path, *session_ids: int) -> None:
+    """Break the chain of pages in which a file has outcomes: SQLite reports them as malformed."""
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        query = "SELECT pageno FROM dbstat WHERE name = 'outcomes' AND path LIKE '%+000000' ORDER BY path"
+        firsts = [(number - 1) * 4096 for (number,) in database.execute(query)]  # of each row's further pages
+    content = bytearray(path.read_bytes())
+    for session_id in session_ids:
+        page = firsts[session_id - 1]
+        content[page : page + 4] = b"\xff" * 4
+    path.write_bytes(content)
+
+
+def reported(journal: SqliteJournal) -> list[tuple[str, str, bool]]:
+    journal.enforce_retention(20.0)
+    return [(one.station, one.session, one.set_aside) for one in journal.report().damaged]
+
+
+def test_a_session_that_is_set_aside_is_in_the_report_with_its_reason(written, tmp_path):
+    """Only the log had it."""
+    path = Path(shutil.copy(written, tmp_path))
+    spoil(path, "UPDATE records SET at = at + 1 WHERE place = 5")
+    for _ in range(2):
+        with SqliteJournal(path, NEVER) as journal:
+            new_registry(journal).restore(10.0)
+            eventually(lambda: reported(journal) == [(STATION, NAME, True)])
+            assert "its checksum is not" in journal.report().damaged[0].why
+
+
+def test_an_outcome_whose_pages_are_damaged_costs_no_other_session(tmp_path, monkeypatch):
+    """In a file that is not searched at the start. The station was not served, and no page was listed."""
+    monkeypatch.setattr("caesura_service.journal.damaged_file.CHECKED_BYTES", 0)
+    path = tmp_path / "caesura-1.sqlite"
+    names = [f"s{number:02d}" for number in range(20)]
+    for name in names:
+        result = ended(*["motion", "steady"] * 200, t=2.0, session=name)
+        recorded(tmp_path, taught(2.0), session=name, closed=result)
+    cut(path, 2, 20)  # a stored one, and one that the service loads
+    with SqliteJournal(path, NEVER) as journal:
+        registry = new_registry(journal)
+        assert registry.restore(10.0) == []
+        held = registry.index.sessions[STATION]
+        assert [one.name for one in held] == names[-16:]
+        journal.flush()
+        pages = registry.stored.page(lambda _key: True, StoredPage())
+        assert [one.status.session for one in pages if one] == ["s03", "s02", "s00"]
+        eventually(lambda: (STATION, "s01", False) in reported(journal))
+    with SqliteJournal(path, NEVER, alone=False) as journal:
+        assert read_session_export(journal, STATION, "s01").recording.t.size == 200
+
+
+def test_of_a_torn_file_a_session_without_readable_results_keeps_its_samples(tmp_path):
+    """It was not kept."""
+    for name in ("s1", "s2"):
+        recorded(
+            tmp_path,
+            taught(2.0),
+            session=name,
+            closed=ended(*["motion", "steady"] * 200, t=2.0, session=name),
+        )
+    path = tmp_path / "caesura-1.sqlite"
+    cut(path, 1)
+    with SqliteJournal(path, NEVER) as journal:
+        assert [*path.parent.glob("*.damaged-*")]
+        assert journal.sessions() == ((STATION, "s1"), (STATION, "s2"))
+        assert len([*journal.replay(STATION, "s1")]) == 12
+        eventually(lambda: reported(journal) == [(STATION, "s1", False)])
 
 
 def without_checksums(path: Path) -> None:

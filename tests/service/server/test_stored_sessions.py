@@ -16,6 +16,7 @@ import pytest
 from caesura_clients import Caesura, query
 from caesura_clients.cli.options import only_station
 from caesura_clients.dashboard.network_follower import NetworkFollower
+from caesura_clients.dashboard.session_list_rows import damaged as damaged_lines
 from caesura_clients.dashboard.session_list_rows import sessions
 from caesura_clients.session_corrections import send
 from caesura_protocol.errors import NotFound, ProtocolError
@@ -259,7 +260,94 @@ def test_a_damaged_outcome_is_logged_once_however_often_it_is_asked_for(tmp_path
         stored = StoredSessions(journal, lambda: INDEX, lambda _station: True)
         for _ in range(20):
             assert names([*stored.page(lambda _key: True, StoredPage())]) == ["s02", "s00"]
-    assert caplog.text.count("the outcome of cell-1/s01 is damaged") == 1
+    assert caplog.text.count("the outcome of cell-1/s01 cannot be read") == 1
+
+
+@pytest.fixture
+def damaged(tmp_path: Path) -> Iterator[Caesura]:
+    """A service on a journal of 36 sessions, of which the results of four cannot be read.
+
+    The service holds s30, and rebuilds it.
+    """
+    for name in NAMES:
+        written(tmp_path, taught(2.0), session=name, closed=ended("motion", t=2.0, session=name))
+    path = tmp_path / "caesura-1.sqlite"
+    with closing(sqlite3.connect(path)) as file, file:
+        file.execute("UPDATE outcomes SET snapshot = CAST(snapshot AS TEXT) WHERE session_id = 4")
+        file.execute("UPDATE outcomes SET snapshot = substr(snapshot, 1, 100) WHERE session_id = 6")
+        file.execute("DELETE FROM outcomes WHERE session_id = 8")
+        file.execute("UPDATE outcomes SET last_seq = last_seq + 1 WHERE session_id = 31")
+    network = MemoryNetwork()
+    config = ServiceConfig(instance="caesura-1", preset="fake", journal=tmp_path)
+    with Service(config, pipeline_factory=make_fake_pipeline, join=in_memory(network)):
+        yield Caesura(network.transport())
+
+
+def test_a_stored_session_with_damaged_results_is_reported_and_its_samples_can_be_read(
+    damaged: Caesura, caplog
+):
+    """It was in no list: the page left it out, and nothing named it until somebody asked for it."""
+    found = list[query.SessionInfo]()
+
+    def reported() -> bool:
+        found[:] = query.damaged_sessions(damaged.transport)
+        return len(found) >= 3
+
+    eventually(reported)
+    assert [(one.session, one.state) for one in found] == [
+        (name, "damaged") for name in ("s07", "s05", "s03")
+    ]
+    why = (
+        "its results were not stored before the service ended",
+        "its results are damaged",
+        "is damaged, or its disk",
+    )
+    for one, reason in zip(found, why, strict=True):
+        assert reason in str(one.damage)
+        assert f"`caesura sessions export {one.session} --station cell-1` writes its samples" in str(
+            one.damage
+        )
+    assert query.damaged_sessions(damaged.transport, "cell-2") == []
+    for name in ("s03", "s05"):
+        assert caplog.text.count(f"the outcome of cell-1/{name} cannot be read, ") == 1
+    for name in ("s03", "s05", "s07"):
+        samples = query.samples(damaged.transport, "cell-1", name, SampleRange(0.0, 2.0, 1000))
+        assert samples.counts[0] == 200
+    pages = [names(query.stored_snapshots(damaged.transport, skip=skip)) for skip in (0, 16)]
+    assert sorted(pages[0] + pages[1]) == sorted({*STORED} - {"s03", "s05", "s07"})
+    assert names(query.snapshots(damaged.transport, "cell-1", "s30")) == ["s30"]
+
+
+@pytest.mark.parametrize("checked", [True, False])
+def test_a_page_skips_no_session_whose_results_cannot_be_read(tmp_path: Path, monkeypatch, checked: bool):
+    """They counted as skipped: the second page repeated sessions of the first one."""
+    write_short_sessions(tmp_path, [("cell-1", name) for name in NAMES])
+    path = tmp_path / "caesura-1.sqlite"
+    with closing(sqlite3.connect(path)) as file, file:
+        file.execute("UPDATE outcomes SET snapshot = x'00' WHERE session_id % 3 = 0")
+    if not checked:
+        monkeypatch.setattr(SqliteJournal, "_check_outcomes", lambda _self: (None for _ in ()))
+    with SqliteJournal(path) as journal:
+        eventually(lambda: not checked or len(journal._unreadable._found) == 12)
+        stored = StoredSessions(journal, lambda: INDEX, lambda _station: True)
+        pages = [names([*stored.page(lambda _key: True, StoredPage(8, skip))]) for skip in (0, 8, 16, 24)]
+    whole = [name for number, name in enumerate(NAMES, 1) if number % 3]
+    assert pages == [whole[:-9:-1], whole[-9:-17:-1], whole[-17::-1], []]
+
+
+def test_the_dashboard_lists_damaged_sessions_below_the_others(damaged: Caesura):
+    with NetworkFollower(damaged.transport, refresh_s=0.2) as follower:
+        eventually(lambda: len(damaged_lines(follower.world)) == 3)
+        first = damaged_lines(follower.world)[0]
+    assert first.startswith("cell-1/s07, taught ")
+    assert "its results were not stored" in first
+
+
+def test_a_deleted_session_is_no_longer_reported_as_damaged(damaged: Caesura, tmp_path: Path):
+    eventually(lambda: len(query.damaged_sessions(damaged.transport)) == 3)
+    with SqliteJournal(tmp_path / "caesura-1.sqlite", alone=False) as beside:
+        beside.delete("cell-1", "s05")
+    eventually(lambda: [one.session for one in query.damaged_sessions(damaged.transport)] == ["s07", "s03"])
 
 
 def test_sessions_without_an_outcome_do_not_fill_a_page(tmp_path: Path):

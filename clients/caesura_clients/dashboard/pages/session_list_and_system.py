@@ -11,7 +11,7 @@ from nicegui.events import GenericEventArguments
 
 from caesura_clients.dashboard.nicegui_elements import SessionList, Tables, lags
 from caesura_clients.dashboard.pages.layout import SLOW_TICK_S, Site, page
-from caesura_clients.dashboard.session_list_rows import sessions
+from caesura_clients.dashboard.session_list_rows import damaged, sessions
 from caesura_clients.dashboard.station_summary import DashboardState
 from caesura_clients.dashboard.system import system
 from caesura_protocol.errors import CaesuraError, ProtocolError
@@ -62,7 +62,7 @@ def _build(site: Site, title: str, path: str, shown: Callable[[DashboardState], 
 
 
 def _sessions(world: DashboardState) -> dict[str, Any]:
-    return {"warning": world.trouble, "sessions": sessions(world)}
+    return {"warning": world.trouble, "damaged": damaged(world), "sessions": sessions(world)}
 
 
 def _system(world: DashboardState) -> dict[str, Any]:

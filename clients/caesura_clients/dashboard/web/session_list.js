@@ -16,7 +16,7 @@ export default {
   emits: ["older"],
   data: () => ({
     asking: false, message: "", failed: false,
-    warning: "", sessions: null, words: "", chosen: [], station: "", success: "", deleted: false, by: "opened", falling: true, columns: COLUMNS, most: MOST,
+    warning: "", damaged: [], sessions: null, words: "", chosen: [], station: "", success: "", deleted: false, by: "opened", falling: true, columns: COLUMNS, most: MOST,
   }),
   template: `
     <div>
@@ -45,6 +45,8 @@ export default {
         </tr></tbody></table>
       </div>
       <p v-else-if="sessions" class="empty">{{ sessions.length ? "No session is like that." : "No session is known." }}</p>
+      <section v-if="damaged.length" class="damaged-sessions" role="status"><h2>Sessions whose results cannot be shown</h2>
+        <ul><li v-for="line in damaged" :key="line">{{ line }}</li></ul></section>
       <p class="older-line"><button class="older" :disabled="asking" @click="older">Older sessions</button>
         <span role="status" :class="{ alarm: failed }">{{ message }}</span></p>
     </div>`,
@@ -88,6 +90,7 @@ export default {
     },
     apply(payload) {
       this.warning = payload.warning;
+      this.damaged = payload.damaged;
       this.sessions = Object.freeze(payload.sessions);
     },
     sort(key) {

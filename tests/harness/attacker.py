@@ -5,8 +5,9 @@ and 200 edits of it a second, each with the revision that the one before it will
 session, and 1900 queries for its program a second. `tokens`: its token is declared and undeclared as fast as
 it goes. `messages`: heartbeats; `commands`: closes of a session that is not there. `program_edits`: a session
 of a minute, whose program has as many edits but one as it may have, and edits that do not apply, four at a
-time. Prints `ready` as soon as its session is there; the attack lasts until it is ended. Then it prints what
-it has counted.
+time. `listings`: eight readers list stored sessions, each with LISTINGS queries under way: all, those of a
+station, by a costly filter, deep pages. Prints `ready` as soon as its session is there; the attack lasts
+until it is ended. Then it prints what it has counted.
 """
 
 from __future__ import annotations
@@ -18,14 +19,23 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from functools import partial
+from itertools import count as count_up
+from itertools import cycle
 
 import numpy as np
 import zenoh
 
 from caesura_protocol.codec import decode, decode_error, encode, pack_samples
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.keys import parse_replay_parameters, station_key
+from caesura_protocol.keys import (
+    MAX_STORED,
+    StoredPage,
+    parse_replay_parameters,
+    station_key,
+    stored_parameters,
+)
 from caesura_protocol.messages import (
     MAX_BATCH_SAMPLES,
     MAX_PROGRAM_EDITS,
@@ -55,6 +65,8 @@ QUERIES_PER_S = 1900.0
 MESSAGES_PER_S, COMMANDS_PER_S = 20_000.0, 5_000.0
 PROGRAM_EDITS_PER_S, IN_FLIGHT = 1000.0, 4
 MINUTE_S, OFF_S = 60.0, 0.05
+READERS, LISTINGS = 8, 32
+STORING, STORED = 8, 5000  # stations with stored sessions, and their sessions
 PATIENCE_S = 60.0
 SHORT = Open(session=SESSION, columns=("t", "px", "py", "pz"), wrench_source="none")
 
@@ -311,7 +323,41 @@ def commands(peer: Peer, done: Counter[str]) -> None:
     again_and_again(ask, COMMANDS_PER_S)
 
 
+def listings(peer: Peer, done: Counter[str]) -> None:
+    """The stored sessions are listed in the greatest pages. A query without a reply counts as put alone."""
+    names = [f"stored-{number}" for number in range(STORING)]
+    filters = cycle(
+        [
+            "caesura/v1/session/*/*/snapshot",
+            *(f"caesura/v1/session/{name}/*/snapshot" for name in names),
+            f"caesura/v1/session/*/{'$*0' * 40}/snapshot",
+        ]
+    )
+
+    def count(turns: threading.Semaphore, reply: zenoh.Reply) -> None:
+        done["answered" if reply.ok is not None else "refused"] += 1
+
+    def flood(network: zenoh.Session) -> None:
+        turns = threading.Semaphore(LISTINGS)
+        for number in count_up():
+            turns.acquire(timeout=PATIENCE_S)
+            done["put"] += 1
+            wanted = StoredPage(MAX_STORED, skip=(number * 997) % STORED)
+            handler = zenoh.handlers.Callback(partial(count, turns), turns.release, indirect=False)
+            network.get(f"{next(filters)}?{stored_parameters(wanted)}", handler, timeout=PATIENCE_S)
+
+    print("ready", flush=True)
+    with ExitStack() as stack:
+        readers = [stack.enter_context(Peer(peer.endpoint)) for _ in range(READERS)]
+        threads = [threading.Thread(target=flood, args=(one.network,), daemon=True) for one in readers]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+
+
 WAYS = {
+    "listings": listings,
     "dense": dense,
     "edits": edits,
     "queries": queries,

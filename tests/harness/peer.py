@@ -195,7 +195,7 @@ class Peer(Client):
         where = {"mode": "client", "connect/endpoints": [endpoint], "connect/timeout_ms": 30_000}
         for key, value in {**SETTINGS, **where}.items():
             config.insert_json5(key, json.dumps(value))
-        self.network = zenoh.open(config)
+        self.endpoint, self.network = endpoint, zenoh.open(config)
 
     def close(self) -> None:
         self.network.close()

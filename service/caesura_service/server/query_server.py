@@ -42,6 +42,7 @@ from caesura_service.publishing.session_state import (
 from caesura_service.server.answering_thread import AnsweringThread
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound_events import (
+    MAX_TEXT,
     UNKNOWN,
     Arrival,
     CommandReceived,
@@ -75,7 +76,7 @@ class QueryServer(AnsweringThread):
         work: WorkQueue[Arrival],
         status: Callable[[], ServiceStatus],
         budgets: Budgets,
-        stored: Callable[[IncomingQuery, str, StoredPage], bool],
+        stored: Callable[[IncomingQuery, str, StoredPage], ProtocolError | None],
         instance: str,
     ) -> None:
         """work: the worker's queue; stored: enqueues a query for stored sessions, with its lane."""
@@ -89,28 +90,31 @@ class QueryServer(AnsweringThread):
         self._status = status
         super().__init__("caesura-answers", QUERIES)
 
-    def snapshot(self, query: IncomingQuery, lane: str) -> bool:
+    def snapshot(self, query: IncomingQuery, lane: str) -> ProtocolError | None:
         """Enqueue a query for sessions: those in memory, or a page of stored ones.
 
-        Returns False if too many of the lane are queued, like `program` and `status`.
+        Returns the refusal if too many of the lane are queued, like `program` and `status`.
         """
         try:
             page, version = parse_snapshot_parameters(query.parameters)
         except ProtocolError as error:
             with query:
                 reply_error(query, error)
-            return True
+            return None
         if page is not None:
             return self._stored(query, lane, page)
-        return self._queue.offer((query, self._answer_snapshot(query, lane, version)), lane)
+        return self._enqueue(query, self._answer_snapshot(query, lane, version), lane)
 
-    def program(self, query: IncomingQuery, lane: str) -> bool:
+    def program(self, query: IncomingQuery, lane: str) -> ProtocolError | None:
         """Enqueue a query for stations' programs."""
-        return self._queue.offer((query, self._answer_program(query, lane)), lane)
+        return self._enqueue(query, self._answer_program(query, lane), lane)
 
-    def status(self, query: IncomingQuery, lane: str) -> bool:
+    def status(self, query: IncomingQuery, lane: str) -> ProtocolError | None:
         """Enqueue a query for the service's status."""
-        return self._queue.offer((query, self._answer_status(query)), lane)
+        return self._enqueue(query, self._answer_status(query), lane)
+
+    def _enqueue(self, query: IncomingQuery, answer: Iterator[None], lane: str) -> ProtocolError | None:
+        return None if self._queue.offer((query, answer), lane) else too_many_waiting(lane)
 
     def add_rejections(self, refused: Mapping[ErrorCode, int]) -> dict[ErrorCode, int]:
         """Return the refusals of the registry plus those of this server."""
@@ -246,7 +250,14 @@ class QueryServer(AnsweringThread):
 
 
 def size_refusal(query: IncomingQuery) -> ProtocolError | None:
-    """Return the refusal of a query that holds more than QUERY_BYTES while it waits, or None."""
+    """Return the refusal of a query that holds more than QUERY_BYTES while it waits, or None.
+
+    The time to compare a key with those of the sessions grows with its length.
+    """
+    if len(query.key) > MAX_TEXT:
+        return ProtocolError(
+            "too_large", "the key of a query is too long", value=len(query.key), limit=MAX_TEXT
+        )
     if query.size <= QUERY_BYTES:
         return None
     why = "the parameters and the content of a query are too long"

@@ -31,6 +31,7 @@ from caesura_service.server.outbound import (
     reply_message,
     reply_nothing,
 )
+from caesura_service.server.query_server import too_many_waiting
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 
 logger = logging.getLogger(__name__)
@@ -60,8 +61,8 @@ class SampleServer(BackgroundThread):
         self._queue: WorkQueue[tuple[IncomingQuery, str, str]] = WorkQueue(QueueSettings(capacity=QUERIES))
         super().__init__("caesura-samples", self._queue.wake)
 
-    def take(self, query: IncomingQuery, lane: str) -> bool:
-        """Enqueue a query; return False if too many of the lane are queued.
+    def take(self, query: IncomingQuery, lane: str) -> ProtocolError | None:
+        """Enqueue a query; return the refusal if too many of the lane are queued.
 
         Called by the network's threads.
         """
@@ -70,8 +71,8 @@ class SampleServer(BackgroundThread):
         except ProtocolError as error:  # a wildcard: of all sessions it would be too much
             with query:
                 reply_error(query, error)
-            return True
-        return self._queue.offer((query, station, session), lane)
+            return None
+        return None if self._queue.offer((query, station, session), lane) else too_many_waiting(lane)
 
     def _run(self) -> None:
         while not self._stopped.is_set():

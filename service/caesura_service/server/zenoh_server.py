@@ -18,6 +18,7 @@ from functools import partial
 from types import TracebackType
 from typing import Self
 
+from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import service_key, session_key, station_key
 from caesura_protocol.messages import ServiceStatus
 from caesura_protocol.token_bucket import LOG_RATE, RateLimit
@@ -48,14 +49,14 @@ from caesura_service.server.network_interface import Incoming, Network, NetworkE
 from caesura_service.server.network_join import Join, NetworkSettings, join, lets_in
 from caesura_service.server.outbound import ResultPublisher
 from caesura_service.server.overload_monitor import OverloadMonitor
-from caesura_service.server.query_server import QueryServer, size_refusal, too_many_waiting
+from caesura_service.server.query_server import QueryServer, size_refusal
 from caesura_service.server.rate_limit_settings import RateLimits
 from caesura_service.server.router_link import RouterLink
 from caesura_service.server.router_watch import WHY_STUCK, RouterWatch, router_watch
 from caesura_service.server.sample_query_server import SampleServer
 from caesura_service.server.station_manager import StationManager
 from caesura_service.server.station_subscriptions import StationSubscriptions
-from caesura_service.server.stored_session_server import StoredSessionServer
+from caesura_service.server.stored_session_server import LISTING, StoredSessionServer, is_listing
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 from caesura_service.server.worker import Worker
 from caesura_service.sessions.same_layout_batches import BatchBlock
@@ -273,21 +274,23 @@ class ZenohServer:
         if not self._queries.command(query):
             self._muted_commands.mute(source)
 
-    def _handle_query(self, take: Callable[[IncomingQuery, str], bool], query: IncomingQuery) -> None:
+    def _handle_query(
+        self, take: Callable[[IncomingQuery, str], ProtocolError | None], query: IncomingQuery
+    ) -> None:
         """Enqueue a query on stations within the budget of its lane, or refuse it.
 
-        take: enqueues it; returns False if too many of the lane are queued.
+        take: enqueues it; returns the refusal if too many of the lane are queued.
         """
         lane = lane_of_query(query.key)
-        if self._muted_queries.drops(lane):
+        source, refused_as = (lane + LISTING, LISTING) if is_listing(query) else (lane, lane)
+        if self._muted_queries.drops(source):
             query.drop()
             return
         refusal = self.budgets.reject_query(lane) or size_refusal(query)
-        if refusal is None and not take(query, lane):
+        if refusal is None and (refusal := take(query, lane)) is not None:
             self.budgets.count_refused(lane, "queries")
-            refusal = too_many_waiting(lane)
-        if refusal is not None and not self._queries.refuse(query, lane, refusal):
-            self._muted_queries.mute(lane)
+        if refusal is not None and not self._queries.refuse(query, refused_as, refusal):
+            self._muted_queries.mute(source)
 
     def _handle_samples(self, sample: Incoming) -> None:
         key, payload, encoding = sample
@@ -324,8 +327,8 @@ class ZenohServer:
         for source, count in self._muted_commands.pop_drops().items():
             self.budgets.count_refused(source_of_key(source).station or UNKNOWN, "commands", count)
             self._queries.count_rejected(count)
-        for lane, count in self._muted_queries.pop_drops().items():
-            self.budgets.count_refused(lane, "queries", count)
+        for source, count in self._muted_queries.pop_drops().items():
+            self.budgets.count_refused(source.removesuffix(LISTING), "queries", count)
 
     def _drop(self, source: str, why: str, count: int = 1) -> None:
         """Count dropped messages and log them, throttled; the session requests them again."""

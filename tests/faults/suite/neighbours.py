@@ -22,7 +22,8 @@ from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from faults.suite.lateness import lateness_ms
 from faults.suite.outcome import Disturbance, Row, Scale, played
 from faults.suite.stations import CONNECT_S, Station, reached
-from harness.attacker import SESSION, STATION, Attacker
+from harness.attacker import SESSION, STATION, STORING, Attacker
+from harness.journals import write_short_sessions
 from harness.processes import Router, running, serving
 
 HONEST = Scale(stations=7, pace=1.0)
@@ -37,6 +38,7 @@ LEAST: Mapping[str, Mapping[str, int]] = {
     "tokens": {"put": 50000},
     "messages": {"put": 100_000},
     "commands": {"put": 25_000},
+    "listings": {"put": 20_000, "answered": 100, "refused": 1000},
 }
 EVERY_S = 0.25  # between two queries about one of the seven
 ANSWER_S = 1.0  # that an answer takes at most
@@ -60,8 +62,12 @@ class Answers:
         return f"{len(self.took_s)} of {asked} queries answered{why}, within {most:.2f} s"
 
 
-def hostile_station(how: str, directory: Path, scale: Scale = HONEST, *, behind_router: bool = False) -> Row:
-    """`harness.attacker` for as long as the others are taught."""
+def hostile_station(
+    how: str, directory: Path, scale: Scale = HONEST, *, behind_router: bool = False, stored: int = 0
+) -> Row:
+    """`harness.attacker` for as long as the others are taught. stored: sessions in the journal before."""
+    if stored:
+        write_stored_sessions(directory, stored)
     did, answers = Counter[str](), Answers()
 
     def disturb(stations: list[Station], disturbance: Disturbance) -> None:
@@ -111,6 +117,12 @@ def asking(endpoint: str, station: str, answers: Answers) -> Iterator[None]:
     finally:
         over.set()
         thread.join()
+
+
+def write_stored_sessions(directory: Path, count: int) -> None:
+    """Write the sessions that `listings` of the attacker asks for."""
+    keys = [(f"stored-{number % STORING}", f"s{number:05d}") for number in range(count)]
+    write_short_sessions(directory, keys, kinds=["motion", "steady"] * 15)
 
 
 def observations(transport: ZenohTransport) -> int:

@@ -27,6 +27,7 @@ from faults.suite import (
 )
 from faults.suite.outcome import Fault
 from faults.suite.relay import Line
+from harness.attacker import STORED
 
 FAULTS: tuple[Fault, ...] = (
     Fault("none", reference.reference),
@@ -64,6 +65,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("command-flood-routed", partial(neighbours.hostile_station, "commands", behind_router=True)),
     Fault("query-flood", partial(neighbours.hostile_station, "queries")),
     Fault("query-flood-routed", partial(neighbours.hostile_station, "queries", behind_router=True)),
+    Fault("listing-flood", partial(neighbours.hostile_station, "listings", stored=STORED)),
     Fault("token-flood", partial(neighbours.hostile_station, "tokens")),
     Fault("token-flood-routed", partial(neighbours.hostile_station, "tokens", behind_router=True)),
     Fault("old-session-edited", old_session.old_session_edited),

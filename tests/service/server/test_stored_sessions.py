@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 import threading
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
@@ -27,8 +28,14 @@ from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.journal import Outcome, SqliteJournal, StoredOutcome
 from caesura_service.ownership.stored_sessions import StoredSessions
+from caesura_service.server.answering_thread import Pace
 from caesura_service.server.memory_network import in_memory
-from caesura_service.server.stored_session_server import StoredSessionServer
+from caesura_service.server.stored_session_server import (
+    LISTING_RATE,
+    PATIENCE_S,
+    QUERIES,
+    StoredSessionServer,
+)
 from caesura_service.sessions.limits import Limits
 from harness.fake_pipeline import make_fake_pipeline
 from harness.journals import ended, taught, write_short_sessions, written
@@ -364,3 +371,75 @@ def test_sessions_without_an_outcome_do_not_fill_a_page(tmp_path: Path):
         assert names([*stored.page(lambda _key: True, StoredPage(1))]) == ["s0"], (
             "one that is damaged neither"
         )
+
+
+def test_the_thread_that_lists_stored_sessions_rests_four_fifths_of_the_time():
+    now = 0.0
+    pace = Pace(LISTING_RATE, clock=lambda: now)
+    assert pace.rest_s(0.05) == 0.0  # one page
+    worked_s = 0.05
+    for _ in range(100):
+        now += 0.01 + pace.rest_s(0.01)
+        worked_s += 0.01
+    assert worked_s == pytest.approx(LISTING_RATE.burst + LISTING_RATE.per_s * now, rel=0.05)
+
+
+def test_a_flood_of_lists_takes_a_bounded_share_of_the_interpreter(two_stations: Caesura):
+    """It took all that it could get: results of other stations were 0.4 s late."""
+    threads = [one.ident for one in threading.enumerate() if one.name == "caesura-stored"]
+    clocks = [time.pthread_getcpuclockid(ident) for ident in threads if ident is not None]
+    began, worked_s = time.monotonic(), sum(map(time.clock_gettime, clocks))
+    over = began + 1.5
+    key, page = session_key("*", "*", "snapshot"), stored_parameters(StoredPage())
+    answers = list[bool]()
+
+    def flood() -> None:
+        while time.monotonic() < over:
+            replies, _ = two_stations.transport.query(key, parameters=page)
+            answers.append(bool(replies))
+
+    with ThreadPoolExecutor(8) as clients:
+        for one in [clients.submit(flood) for _ in range(8)]:
+            one.result(DEADLINE_S)
+    worked_s, lasted_s = sum(map(time.clock_gettime, clocks)) - worked_s, time.monotonic() - began
+    assert any(answers)
+    assert worked_s < LISTING_RATE.burst + LISTING_RATE.per_s * lasted_s + 0.05  # of the last step
+
+
+def test_a_list_that_has_waited_too_long_is_refused_with_a_time(tmp_path: Path):
+    write_short_sessions(tmp_path, [("cell-1", "s1")])
+    now, queries = 100.0, [MemoryQuestion(session_key("*", "*", "snapshot"), "", None) for _ in range(2)]
+    with SqliteJournal(tmp_path / "caesura-1.sqlite") as journal:
+        stored = StoredSessions(journal, lambda: INDEX, lambda _station: True)
+        server = StoredSessionServer(stored, "caesura-1", clock=lambda: now)
+        assert server.take(queries[0], "?", StoredPage()) is None
+        now += PATIENCE_S + 1.5
+        assert server.take(queries[1], "?", StoredPage()) is None
+        with server:
+            for one in queries:
+                assert one.ended.wait(DEADLINE_S)
+        (why,), (listed,) = queries[0].refusals, queries[1].replies
+    assert (why.code, why.value, why.limit) == ("overloaded", 6.5, PATIENCE_S)
+    assert "ask again in 7 s" in why.message
+    assert listed.key == session_key("cell-1", "s1", "snapshot")
+
+
+def test_a_lane_without_room_says_when_to_ask_again(tmp_path: Path):
+    with SqliteJournal(tmp_path / "caesura-1.sqlite") as journal:
+        server = StoredSessionServer(
+            StoredSessions(journal, lambda: INDEX, lambda _station: True), "caesura-1"
+        )
+        key = session_key("*", "*", "snapshot")
+        refused = [server.take(MemoryQuestion(key, "", None), "?", StoredPage()) for _ in range(QUERIES)]
+        other = server.take(MemoryQuestion(key, "", None), "cell-1", StoredPage())
+    assert refused[: QUERIES // 4] == [None] * (QUERIES // 4)
+    assert "ask again in 1 s" in str(refused[-1])
+    assert other is None
+
+
+def test_a_query_with_an_endless_key_is_refused_unread(caesura: Caesura):
+    """It was compared with the key of each session: 6 s beside 5,000 of them."""
+    key = f"caesura/v1/session/*/{'s$*' * 2000}/snapshot"
+    with pytest.raises(ProtocolError) as refused:
+        query.decoded(caesura.transport.query(key, parameters=stored_parameters(StoredPage())), Snapshot)
+    assert refused.value.code == "too_large"

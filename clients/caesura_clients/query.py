@@ -562,7 +562,12 @@ def _require_service(transport: Transport) -> None:
 
 
 def no_service(transport: Transport) -> Unreachable:
-    """Return the error to raise where no instance is alive."""
+    """Return the error to raise where no instance is alive, or the router cannot be reached."""
+    if not transport.has_router:
+        return Unreachable(
+            f"the router at {transport.endpoint} is not reachable: it ended, hangs, or the network is cut; "
+            "the link is restored once it answers"
+        )
     return Unreachable(
         f"no service is alive at {transport.endpoint}: it is not started, or has no link to the router"
     )

@@ -9,10 +9,11 @@ import typer
 from typer.testing import CliRunner
 
 from caesura_clients.bridge import BridgeSettings
-from caesura_clients.cli.bridge import _Availability, reporting_pose, reporting_storage, reporting_up
+from caesura_clients.cli.bridge import reporting_pose, reporting_storage, reporting_up
 from caesura_clients.cli.commands import register
 from caesura_clients.cli.options import reported
 from caesura_clients.cli.result_tables import doubtful_apps
+from caesura_clients.cli.service_availability_lines import AvailabilityLines
 from caesura_clients.cli.start_stop_describe import _StatusPrinter
 from caesura_clients.service_liveliness import watch_services
 from caesura_protocol.codec import encode
@@ -267,7 +268,7 @@ def test_bridge_names_what_of_a_file_it_does_not_read(caesura, router, tmp_path)
 
 
 def test_bridge_says_when_the_service_goes_and_comes_back(router, capsys):
-    seen, say = [], _Availability()
+    seen, say = [], AvailabilityLines()
 
     def note(change):
         say(change)

@@ -5,26 +5,30 @@ import signal
 import subprocess
 import sys
 import threading
+from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 
 import pytest
 import typer
 from rich.console import Console
 from typer.testing import CliRunner
 
-from caesura_clients import Caesura
+from caesura_clients import Caesura, connect
 from caesura_clients.cli import watch as watch_command
 from caesura_clients.cli.commands import register
 from caesura_clients.cli.options import CONNECT_TIMEOUT_S
 from caesura_clients.cli.result_tables import segments_view
 from caesura_clients.cli.watch_live_view import FinalLines, LiveView
-from caesura_clients.session_follower import ServiceAvailability, SessionRemoved
+from caesura_clients.session_follower import ServiceAvailability, SessionRemoved, events
 from caesura_clients.session_state_reader import SessionReader
 from caesura_protocol.errors import Unreachable
 from caesura_protocol.messages import Hint
 from caesura_protocol.session_time_display import SessionClock
 from clients.answering import Answering
 from clients.examples import snapshot
+from clients.fake_service import eventually
+from harness.processes import Router, running
 
 
 def update(*kinds, **changes):
@@ -274,6 +278,38 @@ def test_watch_in_a_pipe_writes_a_line_at_once_and_ends_at_sigterm(router):
             deadline.cancel()
             child.kill()
     assert (child.returncode, said) == (0, "")
+
+
+def test_watch_in_a_pipe_names_a_router_that_hangs_and_a_service_that_is_back(monkeypatch, capsys):
+    """It wrote nothing, as where nothing is taught."""
+    said: list[str] = []
+
+    def printed(words: str) -> bool:
+        said.append(capsys.readouterr().err)
+        return words in "".join(said)
+
+    with (
+        running(Router()) as router,
+        connect(router.endpoint) as answering,
+        connect(router.endpoint) as caesura,
+        Answering(answering.transport) as service,
+    ):
+        service.snapshots = [snapshot(0, "motion", station="cell-1", session="s1")]
+        over = threading.Event()
+        monkeypatch.setattr(watch_command, "events", partial(events, refresh_s=0.2, over=over))
+        monkeypatch.setattr(watch_command, "ended_by_sigterm", nullcontext)
+        watching = threading.Thread(target=watch_command._write_lines, args=(caesura, "cell-1"))
+        watching.start()
+        try:
+            eventually(lambda: "cell-1/s1" in capsys.readouterr().out)
+            router.freeze()
+            eventually(lambda: printed("router not reachable, waiting"))
+            router.thaw()
+            eventually(lambda: printed("service back"))
+        finally:
+            router.thaw()
+            over.set()
+            watching.join()
 
 
 @pytest.mark.parametrize("verb", ["watch", "hints"])

@@ -7,6 +7,7 @@ import threading
 import pytest
 
 from caesura_clients import connect, service_liveliness
+from caesura_clients.query import no_service, service_status
 from caesura_protocol import recording
 from caesura_protocol.codec import Encoded, encode_error
 from caesura_protocol.errors import CaesuraError, ProtocolError, Unreachable
@@ -18,6 +19,7 @@ from caesura_protocol.transport.memory import intersect
 from caesura_protocol.transport.zenoh_transport import ZenohTransport, endpoint_of
 from clients.conftest import RouterNetwork, free_port
 from clients.fake_service import DEADLINE_S, eventually
+from harness.processes import Router, running
 
 TEXT = Encoded(b"\x00hello\xff", "application/msgpack;caesura.Ack.v1")
 OTHER = Encoded(b"again", "application/msgpack;caesura.Close.v1")
@@ -299,3 +301,17 @@ def test_a_session_outlives_its_router(router):
         here.put(KEY, TEXT)
         router.start()
         assert received(here, KEY, inbox, OTHER).key == KEY
+
+
+def test_a_router_that_hangs_is_named_and_serves_the_same_session_again_afterwards():
+    """It read "no service is alive", as where only the service has ended."""
+    with running(Router()) as router, ZenohTransport(router.endpoint, timeout_s=DEADLINE_S) as transport:
+        assert transport.has_router
+        assert "no service is alive" in str(no_service(transport))
+        router.freeze()
+        eventually(lambda: not transport.has_router)
+        assert f"the router at {router.endpoint} is not reachable" in str(no_service(transport))
+        router.thaw()
+        eventually(lambda: transport.has_router)
+        with pytest.raises(Unreachable, match="no service is alive"):
+            service_status(transport)

@@ -29,12 +29,12 @@ from caesura_clients.cli.options import (
 )
 from caesura_clients.cli.preset_and_scenario_names import PRESET_NAMES, SCENARIO_NAMES
 from caesura_clients.cli.result_tables import ignored_line, outcome_line, stored_whole
+from caesura_clients.cli.service_availability_lines import AvailabilityLines
 from caesura_clients.cli.start_stop_describe import DescriptionOptions, stand_by
 from caesura_clients.cli.stdin_markers import marking
-from caesura_clients.cli.watch_live_view import SAID_OF_SERVICE
 from caesura_clients.client import Caesura
 from caesura_clients.query import services, snapshots
-from caesura_clients.service_liveliness import Change, watch_services
+from caesura_clients.service_liveliness import watch_services
 from caesura_protocol.errors import CaesuraError, ProtocolError, Unreachable
 from caesura_protocol.messages import Ack, SessionStatus
 from caesura_protocol.number_words import counted
@@ -210,7 +210,7 @@ def bridge(
             ) as opened,
         ):
             typer.echo(f"{station}/{opened.session} through {endpoint_of(endpoint, config)}", err=True)
-            service = _Availability()
+            service = AvailabilityLines(lambda: caesura.transport.has_router)
             with (
                 watch_services(caesura.transport, service),
                 reporting_storage(opened, lambda: service.is_gone),
@@ -288,18 +288,6 @@ def _print_outcome(status: SessionStatus, clock: SessionClock) -> None:
         typer.echo(f"{status.station}/{status.session}: {line}{since}", err=True)
     if not stored_whole(status):
         raise typer.Exit(1)
-
-
-class _Availability:
-    """Prints when the service disappears and reappears; prints nothing if it is present at the start."""
-
-    def __init__(self) -> None:
-        self.is_gone = False
-
-    def __call__(self, change: Change) -> None:
-        if change == "gone" or self.is_gone:
-            typer.echo(SAID_OF_SERVICE[change], err=True)
-        self.is_gone = change == "gone"
 
 
 @contextmanager

@@ -18,11 +18,12 @@ from caesura_clients.cli.options import (
     reported,
 )
 from caesura_clients.cli.result_tables import clock_lines, segments_view
+from caesura_clients.cli.service_availability_lines import AvailabilityLines
 from caesura_clients.cli.wait_diagnosis import print_wait_reason, wait_reason, waiting_for
 from caesura_clients.cli.watch_live_view import FinalLines, LiveView
 from caesura_clients.client import Caesura
 from caesura_clients.query import current_sessions, snapshots
-from caesura_clients.session_follower import events
+from caesura_clients.session_follower import ServiceAvailability, events
 from caesura_clients.session_state_reader import Update
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
 from caesura_protocol.session_time_display import clock_of
@@ -66,16 +67,21 @@ def _write_lines(caesura: Caesura, station: str | None) -> None:
     """Print each final segment at once, until Ctrl-C or SIGTERM."""
     final = FinalLines()
     print_wait_reason(caesura, station)
+    say = AvailabilityLines(lambda: caesura.transport.has_router)
     with ended_by_sigterm(), suppress(KeyboardInterrupt):
         for event in events(caesura.transport, station or "*"):
-            if isinstance(event, Update):
+            if isinstance(event, ServiceAvailability):
+                say(event.state)
+            elif isinstance(event, Update):
                 for line in final.lines(event):
                     typer.echo(line)  # which flushes
 
 
 def _show_live(caesura: Caesura, station: str | None) -> None:
     waiting = ", ".join(filter(None, (wait_reason(caesura, station), waiting_for(station))))
-    view = LiveView(lambda: _current_sessions(caesura), waiting=waiting)
+    view = LiveView(
+        lambda: _current_sessions(caesura), waiting=waiting, has_router=lambda: caesura.transport.has_router
+    )
     with ended_by_sigterm(), Live(view, refresh_per_second=10) as live, suppress(KeyboardInterrupt):
         for event in events(caesura.transport, station or "*"):
             view.receive(event)

@@ -17,14 +17,13 @@ from rich.text import Text
 
 from caesura_clients.cli.compact_station_rows import station_lines
 from caesura_clients.cli.result_tables import clock_lines, measures_force, segment_line, segments_view
-from caesura_clients.service_liveliness import Change
+from caesura_clients.cli.service_availability_lines import SAID_OF_SERVICE, said_of_service
 from caesura_clients.session_follower import Event, ServiceAvailability, SessionRemoved
 from caesura_clients.session_state_reader import Update
 from caesura_clients.station_name_conflicts import REMEDY, ParallelSessions, in_words
 from caesura_protocol.session_time_display import clock_of
 
 LEAST_ROWS = 1
-SAID_OF_SERVICE: Mapping[Change, str] = {"gone": "service gone, waiting", "there": "service back"}
 
 
 class FinalLines:
@@ -50,10 +49,17 @@ class LiveView:
     """View of the newest segments of each station; one thread receives events, another draws.
 
     The content is replaced, never changed. current: returns the session of each station's program, and is
-    called when a session is unknown or was removed.
+    called when a session is unknown or was removed. has_router: as of `said_of_service`.
     """
 
-    def __init__(self, current: Callable[[], Mapping[str, str]], *, waiting: str = "waiting") -> None:
+    def __init__(
+        self,
+        current: Callable[[], Mapping[str, str]],
+        *,
+        waiting: str = "waiting",
+        has_router: Callable[[], bool] | None = None,
+    ) -> None:
+        self._has_router = has_router
         self._ask_current = current
         self._waiting = waiting
         self._updates: dict[tuple[str, str], Update] = {}  # by station and session, in the order of meeting
@@ -76,7 +82,7 @@ class LiveView:
             case ServiceAvailability("there") if not self._service:
                 pass  # it was there before it was watched
             case ServiceAvailability():
-                self._service = SAID_OF_SERVICE[event.state]
+                self._service = said_of_service(event.state, self._has_router)
 
     def shown(self) -> list[Update]:
         """Return the newest update of each station's current session, sorted by station."""

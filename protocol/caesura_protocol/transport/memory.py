@@ -63,6 +63,7 @@ class MemoryTransport:
     """A session with a MemoryNetwork; implements Transport."""
 
     endpoint: str = "memory"
+    has_router: bool = True
 
     def __init__(self, network: MemoryNetwork) -> None:
         self._network = network

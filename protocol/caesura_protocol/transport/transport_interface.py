@@ -59,6 +59,10 @@ class Transport(Protocol):
     def endpoint(self) -> str:
         """The connected endpoint, as named in errors."""
 
+    @property
+    def has_router(self) -> bool:
+        """Whether the link to the router is up; of one that hangs it ends within some seconds."""
+
     def close(self) -> None:
         """Leave the network; all declarations of this session end."""
 

@@ -92,6 +92,11 @@ class ZenohTransport:
     ) -> None:
         self.close()
 
+    @property
+    def has_router(self) -> bool:
+        """Whether the link to the router is up; of one that hangs it ends within some seconds."""
+        return bool(self._session.info.routers_zid())
+
     def close(self) -> None:
         """Leave the network; all declarations of this session end."""
         for session in (self._session, self._looker):

@@ -565,8 +565,8 @@ def no_service(transport: Transport) -> Unreachable:
     """Return the error to raise where no instance is alive, or the router cannot be reached."""
     if not transport.has_router:
         return Unreachable(
-            f"the router at {transport.endpoint} is not reachable: it ended, hangs, or the network is cut; "
-            "the link is restored once it answers"
+            f"no service can be reached: the router at {transport.endpoint} has ended, hangs, or the network "
+            "is cut; the link is restored once it answers"
         )
     return Unreachable(
         f"no service is alive at {transport.endpoint}: it is not started, or has no link to the router"

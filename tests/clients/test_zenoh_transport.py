@@ -310,7 +310,9 @@ def test_a_router_that_hangs_is_named_and_serves_the_same_session_again_afterwar
         assert "no service is alive" in str(no_service(transport))
         router.freeze()
         eventually(lambda: not transport.has_router)
-        assert f"the router at {router.endpoint} is not reachable" in str(no_service(transport))
+        assert f"no service can be reached: the router at {router.endpoint} has ended" in str(
+            no_service(transport)
+        )
         router.thaw()
         eventually(lambda: transport.has_router)
         with pytest.raises(Unreachable, match="no service is alive"):

@@ -278,7 +278,9 @@ def test_without_a_service_no_bridge_is_denied_and_no_plot_moves(
     day = Day(page)
     day.start("taught")
     stage.service.kill()
-    expect(why).to_contain_text("Whether a bridge is connected at cell-1 is not known: no service is alive")
+    expect(why).to_contain_text(
+        "Whether a bridge is connected at cell-1 is not known: no service can be reached"
+    )
     expect(page.locator(".desk-state")).to_have_text("Stale")
     assert page.evaluate(PLACES) == day.places["taught"]
     expect(page.locator("button.start")).to_be_disabled()

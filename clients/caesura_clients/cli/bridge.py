@@ -175,9 +175,7 @@ def bridge(
     if start_by and not standby:
         raise typer.BadParameter("it starts a bridge in standby: add --standby", param_hint="--start-by")
     if released_s is not None and not start_by:
-        raise typer.BadParameter(
-            "it ends what the button started: add --start-by button", param_hint="--released-s"
-        )
+        raise typer.BadParameter("of the button only: add --start-by button", param_hint="--released-s")
     with reported():
         named(station)
         folder = Path(os.environ.get("STATE_DIRECTORY", "."))  # which systemd sets

@@ -47,8 +47,8 @@ def test_a_franka_arm_goes_to_where_the_next_path_begins() -> None:
 
 def test_the_check_and_the_scripts_agree_on_a_way_that_is_in_no_app() -> None:
     (found,) = (str(one) for one in document_findings(as_file(astray())))
-    assert "50 mm of way" in found
-    assert "the robot goes straight to where this app begins" in found
+    assert "50 mm of motion" in found
+    assert "the robot moves straight to the start of this app" in found
 
 
 def test_a_path_that_begins_nearby_is_joined_at_its_first_via_point() -> None:

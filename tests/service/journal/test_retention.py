@@ -133,7 +133,7 @@ def test_the_name_of_a_session_that_is_kept_is_taken(path):
         refusal = answer(registry.handle_command(STATION, opening("s0"), 0.0))
     assert isinstance(refusal, ProtocolError)
     assert (refusal.code, refusal.value) == ("conflict", "s0")
-    assert "give it another name" in refusal.message
+    assert "choose another name" in refusal.message
 
 
 # --- retention ------------------------------------------------------------------------------------------

@@ -470,7 +470,7 @@ def test_a_session_that_is_not_there_is_one_line(caesura, service):
 def test_options_that_would_be_ignored_are_refused(caesura, service, option):
     result = caesura("sessions", *option, "list")
     assert result.exit_code == 2
-    assert "behind the command" in result.stderr
+    assert "after the command" in result.stderr
 
 
 @pytest.mark.parametrize("command", ["sessions", "program"])

@@ -32,7 +32,9 @@ def _default(
     if context.invoked_subcommand is None:
         list_sessions(station, as_json, endpoint, config)
     elif any(_was_typed(context, name) for name in context.params):
-        raise typer.BadParameter(f"options stand behind the command: sessions {context.invoked_subcommand} …")
+        raise typer.BadParameter(
+            f"write the options after the command: sessions {context.invoked_subcommand} …"
+        )
 
 
 def _was_typed(context: typer.Context, name: str) -> bool:

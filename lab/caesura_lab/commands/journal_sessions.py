@@ -41,11 +41,13 @@ from caesura_service.offline_segmentation import recording_of
 
 Session = Annotated[str, typer.Argument(help="Name of the session.")]
 Instance = Annotated[
-    str | None, typer.Option(help="Look into the journal of this instance alone, not into all of DIR.")
+    str | None, typer.Option(help="Read the journal of this instance alone, not all of DIR.")
 ]
 Directory = Annotated[
     Path | None,
-    typer.Option("--journal", metavar="DIR", help="As for `caesura serve`, whose default it has."),
+    typer.Option(
+        "--journal", metavar="DIR", help="Directory of journals, as for `caesura serve`; the same default."
+    ),
 ]
 Format = Literal["npz", "mcap", "lerobot"]
 Found = tuple[Key, list[PeerCopy]]  # a session, and where it is
@@ -55,9 +57,9 @@ Found = tuple[Key, list[PeerCopy]]  # a session, and where it is
 def export(
     names: Annotated[list[str], typer.Argument(metavar="SESSION...", help="Several become one dataset.")],
     *,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Where to: .npz, .mcap, or a new directory.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Destination: .npz, .mcap, or a new directory.")],
     file_format: Annotated[
-        Format | None, typer.Option("--format", help="By default as the suffix of --out says.")
+        Format | None, typer.Option("--format", help="By default the one of the suffix of --out.")
     ] = None,
     dataset: DatasetOptions,
     station: Station = None,
@@ -316,5 +318,5 @@ def _copies(path: Path, one_of: int) -> tuple[Copy, ...]:
     except CaesuraError as error:
         if one_of == 1:
             raise
-        typer.echo(f"passed over: {error}", err=True)
+        typer.echo(f"skipped: {error}", err=True)
         return ()

@@ -214,7 +214,7 @@ class PeerJournals:
         A journal that its owner is about to create is no error.
         """
         if not isinstance(error, JournalEmptyError) and str(error) not in self._warned:
-            logger.warning("passed over: %s", error)
+            logger.warning("skipped: %s", error)
             if len(self._warned) >= WARNED:
                 self._warned.clear()
             self._warned.add(str(error))

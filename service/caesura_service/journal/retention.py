@@ -79,7 +79,7 @@ def excess(usages: Sequence[StationUsage], settings: JournalSettings) -> Excess 
     """
     many = max(usages, key=lambda one: one.sessions, default=None)
     if many is not None and many.closed and many.sessions > settings.sessions:
-        why = f"the oldest closed one of {many.sessions} of the station, kept are {settings.sessions}"
+        why = f"the oldest closed one of {many.sessions} of the station; the limit is {settings.sessions}"
         return Excess(many.station, 0, many.sessions - settings.sessions, why)
     size, part = sum(one.size for one in usages), part_of(usages, settings)
     if part is None:
@@ -89,8 +89,8 @@ def excess(usages: Sequence[StationUsage], settings: JournalSettings) -> Excess 
         return None
     most, rest = largest[0], largest[1].size if largest[1:] else part
     why = (
-        f"the oldest closed one of the station that takes most, {most.size / GB:.3g} GB of "
-        f"{size / GB:.3g}, kept are {settings.size_bytes / GB:g}"
+        f"the oldest closed one of the largest station, {most.size / GB:.3g} GB of "
+        f"{size / GB:.3g}; the limit is {settings.size_bytes / GB:g}"
     )
     return Excess(most.station, min(size - settings.size_bytes, max(most.size - rest, 1)), 0, why)
 

@@ -461,9 +461,9 @@ class SqliteJournal(SqliteWriter):
                 used = chain.from_iterable(self._database.execute(SELECT_DAYS, (now,)))
                 old = self._database.execute(SELECT_OLD, (expiry(used, now, keep_s), DROPS)).fetchall()
             if old:
-                days = f"days, kept are {keep_s / DAY_S:g}"
+                days = f"days; the limit is {keep_s / DAY_S:g}"
                 return {
-                    (station, session): f"not touched for {(now - touched) / DAY_S:.1f} {days}"
+                    (station, session): f"unchanged for {(now - touched) / DAY_S:.1f} {days}"
                     for station, session, touched in old
                 }
             if (too_much := excess(usages, self.settings)) is None:
@@ -505,7 +505,7 @@ class SqliteJournal(SqliteWriter):
         self._database.close()
         aside = move_aside(self.path)
         logger.error(
-            "journal %s is damaged (%s): it is now %s, and of its sessions those are kept that are whole; "
+            "journal %s is damaged (%s): it is now %s. Its undamaged sessions are kept; "
             "of the others bridges send what they still have",
             self.path,
             damage,

@@ -52,7 +52,7 @@ class StoredSessionServer(AnsweringThread):
         return ProtocolError("overloaded", why, value=round(self._waited_s, 1), limit=PATIENCE_S)
 
     def _answer(self, query: IncomingQuery, lane: str, wanted: StoredPage, asked: float) -> Iterator[None]:
-        """Reply with a page; yield after each session, and while others are passed over. asked: time [s]."""
+        """Reply with a page; yield after each session, and while others are skipped. asked: time [s]."""
         with answering(query):
             self._waited_s = self._clock() - asked
             if self._waited_s > PATIENCE_S:

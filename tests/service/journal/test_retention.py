@@ -147,8 +147,8 @@ def test_sessions_go_when_they_were_untouched_for_too_long_closed_ones_first(pat
         taught(registry, "young", 2.0 * DAY_S)
         gone = [one for second in range(12) for one in forgotten(registry, 2.0 * DAY_S + second)]
         assert gone == [
-            ("closed", "not touched for 1.5 days, kept are 1"),
-            ("open", "not touched for 2.0 days, kept are 1"),
+            ("closed", "unchanged for 1.5 days; the limit is 1"),
+            ("open", "unchanged for 2.0 days; the limit is 1"),
         ]
         assert names(registry) == ["young"]
         assert names(restarted(journal)) == ["young"]
@@ -175,7 +175,7 @@ def test_after_a_pause_sessions_go_once_they_were_in_use_for_long_enough(path):
         for day in range(100, 105):
             taught(registry, f"s{day}", day * DAY_S)
         gone = {day: said for day in range(100, 120, 1) if (said := forgotten(registry, day * DAY_S + 1.0))}
-        assert gone[103] == [("before", "not touched for 103.0 days, kept are 10")]
+        assert gone[103] == [("before", "unchanged for 103.0 days; the limit is 10")]
         assert 111 not in gone  # the last one was seven days before: from there on the pause stands still
         assert set(gone) == {103, 110}
 
@@ -261,7 +261,7 @@ def test_a_station_has_so_many_sessions_and_the_oldest_closed_ones_go_several_at
         looks = [forgotten(registry, 10.0 + second) for second in range(20)]
         (gone,) = [look for look in looks if look]
         assert [name for name, _ in gone] == ["s0", "s1", "s2", "s3"]
-        assert gone[0][1] == "the oldest closed one of 7 of the station, kept are 3"
+        assert gone[0][1] == "the oldest closed one of 7 of the station; the limit is 3"
         assert names(restarted(journal)) == ["open", "s4", "s5"]
 
 

@@ -34,9 +34,8 @@ class UnreadableResults:
     """The closed sessions whose results cannot be read, with the reason. Any thread may call the methods."""
 
     def __init__(self) -> None:
-        self.lock = (
-            threading.Lock()
-        )  # held from a read that fails to its `add`, so that no newer write is missed
+        # Held from a read that fails to its `add`, so that no newer write is missed.
+        self.lock = threading.Lock()
         self._found: dict[Key, tuple[float, str]] = {}
 
     def add(self, key: Key, opened: float, why: str) -> bool:

@@ -293,7 +293,7 @@ def damaged(tmp_path: Path) -> Iterator[Caesura]:
 def test_a_stored_session_with_damaged_results_is_reported_and_its_samples_can_be_read(
     damaged: Caesura, caplog
 ):
-    """It was in no list: the page left it out, and nothing named it until somebody asked for it."""
+    """It was in no list: the page left it out, and nothing named it until a client queried it."""
     found = list[query.SessionInfo]()
 
     def reported() -> bool:

@@ -166,6 +166,17 @@ def test_a_late_status_of_a_bridge_that_is_gone_makes_no_station_ready():
     assert [glance(world, "cell-9", None, NOW, 0.0).state for world in (there, gone)] == ["standby", "gone"]
 
 
+def test_a_late_status_of_a_bridge_that_is_gone_enables_no_button():
+    """A status on its way while the token went: Stop stayed enabled, and the page did not name the bridge."""
+    late = BridgeStatus(station="cell-9", bridge="b", state="teaching", source="franky", session="s1")
+    there = DashboardState(bridges=frozenset({"cell-9"}), standby={"cell-9": late}, alive=True)
+    gone = replace(there, bridges=frozenset())
+    first, then = (controls(world, "cell-9", may_operate=True) for world in (there, gone))
+    assert (first["state"], first["canStop"]) == ("teaching", True)
+    assert (then["state"], then["canStop"], then["canStart"]) == ("", False, False)
+    assert "No bridge is connected at cell-9" in then["why"]
+
+
 def test_a_press_that_began_nothing_is_explained_where_start_is():
     why = "the button was pressed, and nothing began: no service is there"
     status = BridgeStatus(station="cell-9", bridge="b", state="ready", source="franky", problem=why)

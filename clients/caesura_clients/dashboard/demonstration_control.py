@@ -101,7 +101,7 @@ def controls(world: DashboardState, station: str, *, may_operate: bool) -> dict[
 
     The payload also states the last outcome, and the tasks that an operator can choose.
     """
-    status = world.standby.get(station)
+    status = world.bridge_status(station)
     why = _why_not_start(world, station, status, may_operate)
     is_teaching = status is not None and status.state == "teaching"
     return {

@@ -40,7 +40,7 @@ class DashboardState:
     closed: int = 0  # how often a session that is over came, changed or went
     current: Mapping[str, str] = field(default_factory=dict)  # the session of each station's program
     bridges: frozenset[str] = frozenset()  # stations whose bridge is connected
-    standby: Mapping[str, BridgeStatus] = field(default_factory=dict)  # bridges in standby, by station
+    standby: Mapping[str, BridgeStatus] = field(default_factory=dict)  # newest status of a bridge, by station
     first_seen: Mapping[tuple[str, str], float] = field(default_factory=dict)  # [s] each session of `updates`
     parallel: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # taught at once, by station
     alive: frozenset[str] = frozenset()  # instances that are alive
@@ -56,6 +56,13 @@ class DashboardState:
     def stations(self) -> list[str]:
         """Return all stations with a bridge or a session, sorted."""
         return sorted({station for station, _ in self.updates} | self.bridges)
+
+    def bridge_status(self, station: str) -> BridgeStatus | None:
+        """Return the status of a connected bridge in standby; None without one.
+
+        A status may arrive after the bridge's token has gone: it does not count until the token is back.
+        """
+        return self.standby.get(station) if station in self.bridges else None
 
     def sessions(self, station: str) -> list[str]:
         """Return the station's sessions, the newest first."""
@@ -142,7 +149,7 @@ def glance(
     seen_s = began if update is None else max(began, world.first_seen.get((station, update.session), began))
     silent_s = now - (seen_s if received is None else max(seen_s, received.at))
     why = stale(world, update, bridge, received, silent_s)
-    status = world.standby.get(station)
+    status = world.bridge_status(station)
     state = _state(update, bridge, why, status)
     if state in {"failed", "teaching"} and status is not None and not why:
         why = status.problem or ""

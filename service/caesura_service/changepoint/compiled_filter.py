@@ -150,7 +150,7 @@ class CompiledRunLengthFilter(SmoothedProbabilities):
 
     def outline(self) -> list[tuple[int, int]]:
         """Return (start, number of the kind) for each segment of `map_path`, oldest first."""
-        count = steps.outline(self._here, self._path)
+        count = steps.write_segmentation(self._here, self._path)
         return [(start, kind) for start, kind in self._path[count - 1 :: -1].tolist()]
 
     @property

@@ -12,102 +12,102 @@ import math
 from caesura_service.changepoint.kernels.array_tuple import model_at, state_at
 from caesura_service.changepoint.kernels.fast_math import log_sum_exp
 from caesura_service.changepoint.kernels.force_level import force_level
-from caesura_service.changepoint.kernels.guided_motion_and_corner import corner, guided
+from caesura_service.changepoint.kernels.guided_motion_and_corner import corner_weight, guided_motion
 from caesura_service.changepoint.kernels.layout import (
     AXES,
-    BIASED,
-    CARRIED,
-    CONSTANT,
-    CONTACT,
-    CORNER,
-    DISSIPATION,
+    CONSTANT_LEVEL,
+    CONSTANT_VELOCITY,
+    CONTACT_MIXTURE,
+    CORNER_WEIGHT,
+    DISSIPATIVE_CONTACT,
     FORCE,
-    GUIDED,
-    HELD,
+    FREE_SPACE_FORCE,
+    GRIPPER_HOLDING,
+    GUIDED_MOTION,
     HOLDING,
-    LADEN,
-    NO_RISE,
-    PACE,
-    PIVOT,
-    PROFILED,
-    RESISTANCE,
+    LOAD_FORCE,
+    NO_CONTACT_RISE,
+    PROFILE_MODEL,
+    RANDOM_WALK,
+    RATE_BOUNDS,
     ROTATION,
     STATES,
+    THESIS_LOAD_FORCE,
     TORSION,
-    TRACED,
-    VELOCITY,
-    WALK,
+    TRACED_MOTION,
+    TURN_IN_PLACE,
+    TURN_RESISTANCE,
 )
-from caesura_service.changepoint.kernels.profile_model import profiled
+from caesura_service.changepoint.kernels.profile_model import profile_model
 from caesura_service.changepoint.kernels.residual_evidence import (
     LOG_2PI,
     SQUARES,
     by_length,
     fill_length,
-    follow,
+    follow_origin,
+    lanes_of,
     log_absence,
     log_presence,
-    over_axes,
+    squares_log_evidence,
     step_squared,
     student,
-    whole,
 )
-from caesura_service.changepoint.kernels.traced_motion import traced
-from caesura_service.changepoint.kernels.turn_in_place import pivot
+from caesura_service.changepoint.kernels.traced_motion import traced_motion
+from caesura_service.changepoint.kernels.turn_in_place import turn_in_place
 from caesura_service.numba_support.decorators import compiled
 
 
 @compiled
-def take(here, c, joins):
+def update_channel(here, c, joins):
     """Update all living hypotheses with an observation in channel c.
 
     The evidence goes to `state.channel[c]`.
     """
     which = model_at(here).channels[c].model
-    if which == PROFILED:
-        profiled(here, c, joins)
-    elif which == WALK:
-        walk(here, c, joins)
-    elif which == CONSTANT:
-        constant(here, c, joins)
-    elif which in (BIASED, LADEN):
+    if which == PROFILE_MODEL:
+        profile_model(here, c, joins)
+    elif which == RANDOM_WALK:
+        random_walk(here, c, joins)
+    elif which == CONSTANT_LEVEL:
+        constant_level(here, c, joins)
+    elif which in (FREE_SPACE_FORCE, LOAD_FORCE):
         force_level(here, c)
-    elif which == CARRIED:
-        carried(here, c)
-    elif which == HELD:
-        held(here, c)
-    elif which == CONTACT:
-        contact(here, c)
-    elif which == VELOCITY:
-        velocity(here, c)
+    elif which == THESIS_LOAD_FORCE:
+        thesis_load_force(here, c)
+    elif which == GRIPPER_HOLDING:
+        gripper_holding(here, c)
+    elif which == CONTACT_MIXTURE:
+        contact_mixture(here, c)
+    elif which == CONSTANT_VELOCITY:
+        constant_velocity(here, c)
     else:
-        take_weighing(here, c, joins)
+        update_weight_channel(here, c, joins)
 
 
 @compiled
-def take_weighing(here, c, joins):
-    """Process an observation as `take` does, in a channel that weighs steps or starts."""
+def update_weight_channel(here, c, joins):
+    """Process an observation as `update_channel` does, in a channel that weighs steps or starts."""
     which = model_at(here).channels[c].model
-    if which == DISSIPATION:
-        dissipation(here, c, joins)
-    elif which == GUIDED:
-        guided(here, c, joins)
-    elif which == TRACED:
-        traced(here, c)
-    elif which == CORNER:
-        corner(here, c)
-    elif which == PIVOT:
-        pivot(here, c)
-    elif which == PACE:
-        pace(here, c, joins)
-    elif which == NO_RISE:
-        no_rise(here, c, joins)
-    elif which == RESISTANCE:
-        resistance(here, c, joins)
+    if which == DISSIPATIVE_CONTACT:
+        dissipative_contact(here, c, joins)
+    elif which == GUIDED_MOTION:
+        guided_motion(here, c, joins)
+    elif which == TRACED_MOTION:
+        traced_motion(here, c)
+    elif which == CORNER_WEIGHT:
+        corner_weight(here, c)
+    elif which == TURN_IN_PLACE:
+        turn_in_place(here, c)
+    elif which == RATE_BOUNDS:
+        rate_bounds(here, c, joins)
+    elif which == NO_CONTACT_RISE:
+        no_contact_rise(here, c, joins)
+    elif which == TURN_RESISTANCE:
+        turn_resistance(here, c, joins)
 
 
 @compiled
-def walk(here, c, joins):
+def random_walk(here, c, joins):
     """`StudentRandomWalk`. Field: log evidence. The step is the same for every hypothesis."""
     model, state = model_at(here), state_at(here)
     channel, now, signal = model.channels[c], state.now, model.channels[c].signal
@@ -115,22 +115,22 @@ def walk(here, c, joins):
     size2 = now[signal] ** 2 + now[signal + 1] ** 2 + now[signal + 2] ** 2
     log_evidence = student(channel.constant, channel.nu, step2, channel.scale2)
     log_evidence += log_absence(step2, channel.still) + log_presence(size2, channel.presence)
-    add_to_all(state.sums[channel.field], state.channel[c], log_evidence, whole(state.counters[0].living))
+    add_to_all(state.sums[channel.field], state.channel[c], log_evidence, lanes_of(state.counters[0].living))
 
 
 @compiled
-def pace(here, c, joins):
+def rate_bounds(here, c, joins):
     """`RateOfChangeBounds`. Field: Σ log weight. The step is the same for every hypothesis."""
     model, state = model_at(here), state_at(here)
     channel, log_weight = model.channels[c], 0.0
     if joins:
         step2 = step_squared(here, channel.signal, joins)
         log_weight = log_presence(step2, channel.least) + log_absence(step2, channel.still)
-    add_to_all(state.sums[channel.field], state.channel[c], log_weight, whole(state.counters[0].living))
+    add_to_all(state.sums[channel.field], state.channel[c], log_weight, lanes_of(state.counters[0].living))
 
 
 @compiled
-def resistance(here, c, joins):
+def turn_resistance(here, c, joins):
     """`TurnResistance`. Field: Σ log weight. The step is the same for every hypothesis."""
     model, state = model_at(here), state_at(here)
     channel, now, log_evidence = model.channels[c], state.now, 0.0
@@ -146,27 +146,27 @@ def resistance(here, c, joins):
         if force2 < channel.force2 or about**2 >= channel.aligned2 * step2 * force2:
             against = max(-along / math.sqrt(step2 + channel.pace**2), 0.0)
             log_evidence = log_presence(against**2, channel.least) + log_absence(torsion2, channel.still)
-    add_to_all(state.sums[channel.field], state.channel[c], log_evidence, whole(state.counters[0].living))
+    add_to_all(state.sums[channel.field], state.channel[c], log_evidence, lanes_of(state.counters[0].living))
 
 
 @compiled
-def no_rise(here, c, joins):
+def no_contact_rise(here, c, joins):
     """`NoContactRise`. Fields: force before the start, largest rise."""
     model, state = model_at(here), state_at(here)
     channel, living, evidence = model.channels[c], state.counters[0].living, state.channel[c]
     before, risen = state.sums[channel.field], state.sums[channel.field + 1]
-    now = force_of(state.now, channel.heaviest)
-    before[living - 1] = force_of(state.previous, channel.heaviest) if joins else now
+    now = force_without_load(state.now, channel.heaviest)
+    before[living - 1] = force_without_load(state.previous, channel.heaviest) if joins else now
     place = living - 1
     while place >= 0 and state.ages[place] - 1 <= channel.reach:
         risen[place] = max(risen[place], now - before[place])
         place -= 1
-    for i in range(whole(living)):
+    for i in range(lanes_of(living)):
         evidence[i] = -0.5 * risen[i] * risen[i] / channel.scale2
 
 
 @compiled
-def force_of(seen, heaviest):
+def force_without_load(seen, heaviest):
     """Return the size [N] of an observation's force less the weight of a load up to the heaviest [N]."""
     z = seen[FORCE + 2]
     z += min(max(-z, 0.0), heaviest)
@@ -174,7 +174,7 @@ def force_of(seen, heaviest):
 
 
 @compiled
-def dissipation(here, c, joins):
+def dissipative_contact(here, c, joins):
     """`DissipativeContactWeight`. Field: log weight. The step is the same for every hypothesis."""
     model, state = model_at(here), state_at(here)
     channel, now = model.channels[c], state.now
@@ -185,7 +185,7 @@ def dissipation(here, c, joins):
     along /= math.sqrt(step_squared(here, 0, joins) + channel.pace**2)
     driving2 = max(along, 0.0) ** 2
     log_evidence = log_presence(force2 - driving2, channel.least) + log_absence(driving2, channel.least)
-    add_to_all(state.sums[channel.field], state.channel[c], log_evidence, whole(state.counters[0].living))
+    add_to_all(state.sums[channel.field], state.channel[c], log_evidence, lanes_of(state.counters[0].living))
 
 
 @compiled
@@ -197,15 +197,15 @@ def add_to_all(sums, log_evidence, value, lanes):
 
 
 @compiled
-def constant(here, c, joins):
+def constant_level(here, c, joins):
     """`ConstantLevel`. Fields: origin 3, y 3, Σy² 3."""
     model, state = model_at(here), state_at(here)
-    channel, lanes = model.channels[c], whole(state.counters[0].living)
-    follow(here, channel, joins)
+    channel, lanes = model.channels[c], lanes_of(state.counters[0].living)
+    follow_origin(here, channel, joins)
     fill_length(here, c, 0)
     for a in range(AXES):
         add_squares(state.sums[channel.field + 2 * AXES + a], state.work[SQUARES + a], lanes)
-    over_axes(here, channel, 0, state.channel[c])
+    squares_log_evidence(here, channel, 0, state.channel[c])
 
 
 @compiled
@@ -217,22 +217,22 @@ def add_squares(sums, values, lanes):
 
 
 @compiled
-def carried(here, c):
+def thesis_load_force(here, c):
     """`ThesisLoadForce`. Fields: Σf 3, Σf² 3."""
     model, state = model_at(here), state_at(here)
-    channel, work, sums, lanes = model.channels[c], state.work, state.sums, whole(state.counters[0].living)
+    channel, work, sums, lanes = model.channels[c], state.work, state.sums, lanes_of(state.counters[0].living)
     at = channel.field
     fill_length(here, c, 0)
     for a in range(AXES):
         z = state.now[channel.signal + a]
         add_to_all(sums[at + a], work[SQUARES + a], z, lanes)
         add_to_all(sums[at + AXES + a], work[SQUARES + a], z * z, lanes)
-    about_weight(work[SQUARES + 2], sums[at + 2], state.ages, channel.lightest, lanes)
-    over_axes(here, channel, 0, state.channel[c])
+    squares_about_weight(work[SQUARES + 2], sums[at + 2], state.ages, channel.lightest, lanes)
+    squares_log_evidence(here, channel, 0, state.channel[c])
 
 
 @compiled
-def about_weight(squares, totals, ages, lightest, lanes):
+def squares_about_weight(squares, totals, ages, lightest, lanes):
     """Compute sums of squares about the force of a load of at least this weight [N]."""
     for i in range(lanes):
         weight = min(totals[i] / ages[i], -lightest)
@@ -240,13 +240,13 @@ def about_weight(squares, totals, ages, lightest, lanes):
 
 
 @compiled
-def held(here, c):
+def gripper_holding(here, c):
     """`GripperHoldingChain`. Fields: log evidence, and the last known state + 1, 0 before one."""
     model, state = model_at(here), state_at(here)
     channel, now = model.channels[c], state.now[HOLDING]
     log_evidence, lanes, befores = (
         state.sums[channel.field],
-        whole(state.counters[0].living),
+        lanes_of(state.counters[0].living),
         state.sums[channel.field + 1],
     )
     if not math.isnan(now):
@@ -259,7 +259,7 @@ def held(here, c):
 
 
 @compiled
-def contact(here, c):
+def contact_mixture(here, c):
     """`ContactMixture`. Fields: Σf_z, log evidence, counts 3."""
     model, state = model_at(here), state_at(here)
     me, channel, joint, z = state.counters[0], model.channels[c], state.scratch, state.now
@@ -287,7 +287,7 @@ def contact(here, c):
 
 
 @compiled
-def velocity(here, c):
+def constant_velocity(here, c):
     """`ConstantVelocity`. Fields: first 3, Σy 3, Σty 3, Σy² 3."""
     model, state = model_at(here), state_at(here)
     me, channel = state.counters[0], model.channels[c]

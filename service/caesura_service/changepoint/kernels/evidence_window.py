@@ -69,7 +69,7 @@ def keep_shares(here, start, group, starts, shares, n):
 
 
 @compiled
-def link(here, start, free):
+def link_next_start(here, start, free):
     """Compute the next start's links, as `changepoint.evidence_window.link`, from the segments before it."""
     model, state = model_at(here), state_at(here)
     ended, following, before = state.ended, state.next, state.next_before
@@ -130,12 +130,12 @@ def smooth(here):
                 through = 0.0
                 for group in range(groups):
                     through += begun[group, row] * flow[before, group]
-                go_back(begun[before], state.window_shares[row, before], through)
+                pass_back_probability(begun[before], state.window_shares[row, before], through)
         row = row - 1 if row else size - 1
 
 
 @compiled
-def go_back(begun, shares, probability):
+def pass_back_probability(begun, shares, probability):
     """Pass the probability of a start on to the starts of the segment before it, by their shares."""
     for s in range(begun.size):
         begun[s] += probability * shares[s]
@@ -155,7 +155,7 @@ def sum_from(here, start, before):
         for group in range(state.begun.shape[0]):
             end_anew(here, start, end, group)
         free = end < me.count and state.window_free[end % size] == 1
-        link(here, end, free)
+        link_next_start(here, end, free)
         nodes_anew(here, start, end)
         if end < me.count:
             remember_links(here, end % size)

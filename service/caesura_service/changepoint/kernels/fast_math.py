@@ -142,14 +142,14 @@ def exponentials(values, peak, n):
 @compiled
 def log_sum_exp(values, n):
     """Return `evidence.log_sum_exp` of the first n numbers."""
-    peak = most_of(values, n)
+    peak = largest_of(values, n)
     return peak if peak == -math.inf else peak + math.log(total_of_exponentials(values, peak, n))
 
 
 @compiled
 def shares_of(values, n):
     """Return `log_sum_exp`, and replace each number by its exponential's share of the sum, or by 0."""
-    peak = most_of(values, n)
+    peak = largest_of(values, n)
     if peak == -math.inf:
         values[:n] = 0.0
         return peak
@@ -179,7 +179,7 @@ def total_of_exponentials(values, peak, n):
 
 
 @reducing
-def most_of(values, n):
+def largest_of(values, n):
     """Return the largest of the first n numbers; -inf of none."""
     most = -math.inf
     for i in range(n):

@@ -6,18 +6,18 @@ import math
 
 from caesura_service.changepoint.kernels.array_tuple import model_at, state_at
 from caesura_service.changepoint.kernels.fast_math import exp_of_negative, larger, logarithms
-from caesura_service.changepoint.kernels.layout import AXES, FORCE, FORCES, LADEN
+from caesura_service.changepoint.kernels.layout import AXES, FORCE, FORCES, LOAD_FORCE
 from caesura_service.changepoint.kernels.residual_evidence import (
     LOG_2PI,
     SQUARES,
-    add,
+    add_values,
     by_length,
     fill_length,
+    lanes_of,
     log_absence,
     log_presence,
-    over_axes,
+    squares_log_evidence,
     way_squared,
-    whole,
 )
 from caesura_service.numba_support.decorators import compiled
 
@@ -36,8 +36,8 @@ def force_level(here, c):
     """
     model, state = model_at(here), state_at(here)
     channel, me, evidence, sums = model.channels[c], state.counters[0], state.channel[c], state.sums
-    at, newborn, lanes = channel.field, me.living - 1, whole(me.living)
-    absent = log_absence(beyond_squared(state.now, FORCE, channel), channel.absence)
+    at, newborn, lanes = channel.field, me.living - 1, lanes_of(me.living)
+    absent = log_absence(squared_beyond_load(state.now, FORCE, channel), channel.absence)
     extend(sums[at + ABSENCE], absent, absent, newborn)
     extend_level(here, channel, at, newborn)
     level_evidence(here, c, at, 0, evidence)
@@ -45,23 +45,25 @@ def force_level(here, c):
         sums[at + LOG_ODDS, newborn], sums[at + LOG_ODDS + 1, newborn] = 0.0, -math.inf
         extend_level(here, channel, at + CONTINUED, newborn)
         if me.count - me.opening >= channel.memory:
-            go_on(here, c, newborn)
+            begin_continued_level(here, c, newborn)
         level_evidence(here, c, at + CONTINUED, channel.memory, state.work[GOING_ON])
-        mix(evidence, state.work[GOING_ON], sums[at + LOG_ODDS], sums[at + LOG_ODDS + 1], state.work, lanes)
-    add(evidence, sums[at + ABSENCE], lanes)
+        mix_levels(
+            evidence, state.work[GOING_ON], sums[at + LOG_ODDS], sums[at + LOG_ODDS + 1], state.work, lanes
+        )
+    add_values(evidence, sums[at + ABSENCE], lanes)
 
 
 @compiled
-def as_load(down, channel):
+def nearest_load_weight(down, channel):
     """Return the weight [N] of the load that is nearest to a force downwards; 0 in free space."""
     return min(max(down, channel.lightest), channel.heaviest)
 
 
 @compiled
-def beyond_squared(forces, first, channel):
+def squared_beyond_load(forces, first, channel):
     """Return |z|² [N²], z the force less the weight of a load; first: where its values begin."""
     z = forces[first + 2]
-    z += as_load(-z, channel)
+    z += nearest_load_weight(-z, channel)
     return forces[first] ** 2 + forces[first + 1] ** 2 + z**2
 
 
@@ -93,11 +95,11 @@ def level_evidence(here, c, at, before, evidence):
     before: observations before each start that count, too.
     """
     model, state = model_at(here), state_at(here)
-    channel, work, sums, lanes = model.channels[c], state.work, state.sums, whole(state.counters[0].living)
+    channel, work, sums, lanes = model.channels[c], state.work, state.sums, lanes_of(state.counters[0].living)
     fill_length(here, c, before)
     for a in range(AXES):
         about_mean(work[SQUARES + a], sums[at + a], sums[at + TOTALS + a], sums[at + WEIGHTS], lanes)
-    over_axes(here, channel, before, evidence)
+    squares_log_evidence(here, channel, before, evidence)
     add_mean_density(here, channel, at, evidence, lanes)
 
 
@@ -112,7 +114,7 @@ def about_mean(squares, total_squares, totals, weights, lanes):
 def add_mean_density(here, channel, at, log_evidence, lanes):
     """Add `mean_log_density` of the mean force, and the weight of the mean itself."""
     state = state_at(here)
-    sums, work, axes = state.sums, state.work, 2 if channel.model == LADEN else AXES
+    sums, work, axes = state.sums, state.work, 2 if channel.model == LOAD_FORCE else AXES
     weights, variances = sums[at + WEIGHTS], work[VARIANCE]
     for i in range(lanes):
         work[WEIGHT, i] = weights[i]
@@ -143,7 +145,7 @@ def add_load(log_evidence, inside, totals, weights, variances, channel, lanes):
     spread, shoulders = math.log(heaviest / lightest), 1.0 / lightest + 1.0 / heaviest
     for i in range(lanes):
         down = -totals[i] / weights[i]
-        held = as_load(down, channel)
+        held = nearest_load_weight(down, channel)
         log_evidence[i] -= 0.5 * (down - held) ** 2 / variances[i]
         inside[i] = held * (spread + math.sqrt(0.5 * math.pi * variances[i]) * shoulders)
     logarithms(inside, lanes)
@@ -155,25 +157,25 @@ def add_load(log_evidence, inside, totals, weights, variances, channel, lanes):
 
 
 @compiled
-def go_on(here, c, newborn):
+def begin_continued_level(here, c, newborn):
     """Let the second level of the newborn hypothesis begin with the observations before its start."""
     model, state = model_at(here), state_at(here)
     channel, sums, past = model.channels[c], state.sums, state.past
     at, now, log_q = channel.field + CONTINUED, past.shape[0] - 1, channel.log_continued
     sums[at : at + LEVEL, newborn] = 0.0
     for i in range(now - channel.memory, now):
-        add_past(sums, at, newborn, past, i, channel, i > now - channel.memory)
-        log_q += log_absence(beyond_squared(past[i], FORCES, channel), channel.absence)
+        add_past_observation(sums, at, newborn, past, i, channel, i > now - channel.memory)
+        log_q += log_absence(squared_beyond_load(past[i], FORCES, channel), channel.absence)
     log_q += log_bias(sums, at, newborn, channel)
     log_q += log_presence(way_squared(past, now - channel.memory, now - 1), channel.away)
     known = evidence_before(here, c, at, newborn)
-    add_past(sums, at, newborn, past, now, channel, True)
+    add_past_observation(sums, at, newborn, past, now, channel, True)
     odds = channel.field + LOG_ODDS
     sums[odds, newborn], sums[odds + 1, newborn] = math.log1p(-math.exp(log_q)), log_q - known
 
 
 @compiled
-def add_past(sums, at, place, past, i, channel, joins):
+def add_past_observation(sums, at, place, past, i, channel, joins):
     """Add observation i of the past to the sums of a level; joins: whether one is before it."""
     rho, white = (channel.rho, channel.white) if joins else (0.0, 1.0)
     one = (1.0 - rho) * white
@@ -190,8 +192,8 @@ def log_bias(sums, at, place, channel):
     weight, total = sums[at + WEIGHTS, place], 0.0
     for a in range(AXES):
         bias = sums[at + TOTALS + a, place] / weight
-        if a == AXES - 1 and channel.model == LADEN:
-            bias += as_load(-bias, channel)
+        if a == AXES - 1 and channel.model == LOAD_FORCE:
+            bias += nearest_load_weight(-bias, channel)
         total += bias**2
     return -0.5 * total / (channel.bias2 + channel.floor2 / weight)
 
@@ -209,7 +211,7 @@ def evidence_before(here, c, at, place):
         mean, residual = total / weight, max(sums[at + a, place] - total * total / weight, 0.0)
         squares += residual
         logs += math.log(prior + residual)
-        if a == AXES - 1 and channel.model == LADEN:
+        if a == AXES - 1 and channel.model == LOAD_FORCE:
             result += log_load(-mean, variance, channel)
         else:
             result -= 0.5 * (mean * mean / variance + math.log(variance) + LOG_2PI)
@@ -224,14 +226,14 @@ def evidence_before(here, c, at, place):
 def log_load(down, variance, channel):
     """Return the log density of one vertical force [N], downwards: that of a load."""
     lightest, heaviest = channel.lightest, channel.heaviest
-    held = as_load(down, channel)
+    held = nearest_load_weight(down, channel)
     spread, shoulders = math.log(heaviest / lightest), 1.0 / lightest + 1.0 / heaviest
     mass = spread + math.sqrt(0.5 * math.pi * variance) * shoulders
     return -0.5 * (down - held) ** 2 / variance - math.log(held * mass)
 
 
 @compiled
-def mix(evidence, going_on, log_fresh, log_odds, work, lanes):
+def mix_levels(evidence, going_on, log_fresh, log_odds, work, lanes):
     """Compute the log evidence of the mixture of both levels, to `evidence`."""
     peak, total = work[WEIGHT], work[VARIANCE]
     for i in range(lanes):

@@ -13,7 +13,7 @@ import math
 from caesura_service.changepoint.kernels.array_tuple import model_at, state_at
 from caesura_service.changepoint.kernels.fast_math import exp_of_negative, larger, logarithms
 from caesura_service.changepoint.kernels.layout import AXES, PAST
-from caesura_service.changepoint.kernels.residual_evidence import log_presence, student, way_squared, whole
+from caesura_service.changepoint.kernels.residual_evidence import lanes_of, log_presence, student, way_squared
 from caesura_service.numba_support.decorators import compiled
 
 WEIGHTS, DENSITIES = 0, 1  # fields of guided motion; densities have one a scale
@@ -23,7 +23,7 @@ MOST = 50.0  # of the logistic function's argument
 
 
 @compiled
-def guided(here, c, joins):
+def guided_motion(here, c, joins):
     """`GuidedMotion`. Fields: Σ log (pace / w³), Σ log density of ε for each scale."""
     model, state = model_at(here), state_at(here)
     channel, living = model.channels[c], state.counters[0].living
@@ -39,11 +39,11 @@ def guided(here, c, joins):
     left = log_presence(way_squared(state.past, PAST - 1 - channel.away_steps, PAST - 1), channel.away)
     for place in range(living):
         sums[WEIGHTS, place] += paced + left if state.ages[place] > channel.away_steps else paced
-    mix_scales(state.work, channel.shares, sums, state.channel[c], whole(living))
+    mix_scales(state.work, channel.shares, sums, state.channel[c], lanes_of(living))
 
 
 @compiled
-def column(channel):
+def past_column(channel):
     """Return the first column of a channel's values in `state.past`: positions come first, then rotations."""
     return AXES if channel.signal else 0
 
@@ -119,18 +119,18 @@ def add_up(evidence, weights, peak, logs, log_count, lanes):
 
 
 @compiled
-def corner(here, c):
+def corner_weight(here, c):
     """`CornerWeight`. Fields: log weight of each chord."""
     model, state = model_at(here), state_at(here)
     channel, place, evidence = model.channels[c], state.counters[0].living - 1, state.channel[c]
     sums = state.sums[channel.field : channel.field + channel.chord_count]
-    squared_steps(state.scratch, state.past, column(channel))
+    squared_steps(state.scratch, state.past, past_column(channel))
     while place >= 0 and state.ages[place] - 1 <= channel.longest_reach:
         age = int(state.ages[place]) - 1
         for k in range(channel.chord_count):
             chord, reach = channel.chords[k], channel.reaches[k]
             if chord <= age <= reach:
-                sums[k, place] = corner_weight(state.past, state.scratch, age, chord, reach, channel)
+                sums[k, place] = log_corner_weight(state.past, state.scratch, age, chord, reach, channel)
         place -= 1
     for i in range(state.counters[0].living):
         evidence[i] = sums[0, i]
@@ -165,10 +165,10 @@ def largest(values, first, last):
 
 
 @compiled
-def corner_weight(past, squared, age, chord, reach, channel):
+def log_corner_weight(past, squared, age, chord, reach, channel):
     """Return `CornerWeight._log_weight`. squared: from `squared_steps`."""
     peak2 = min(largest(squared, 0, age), largest(squared, age + 1, age + 1 + reach))
-    last, first = past.shape[0] - 1, column(channel)
+    last, first = past.shape[0] - 1, past_column(channel)
     start = last - age
     before2 = after2 = product = 0.0
     for a in range(first, first + AXES):

@@ -36,9 +36,13 @@ FORCES = 2 * AXES  # first column of the forces in `State.past`
 # Rows of a library's table: φw, w, Σφ²w, Σ log scale.
 WEIGHED, PRECISION, NORM, LOG_SCALE = range(4)
 
-# What a channel model is, and where a segment counts from.
-PROFILED, WALK, CONSTANT, BIASED, LADEN, CARRIED, HELD, CONTACT, VELOCITY, DISSIPATION = range(10)
-GUIDED, CORNER, PIVOT, PACE, NO_RISE, RESISTANCE, TRACED = range(10, 17)
+# The class of a channel model.
+PROFILE_MODEL, RANDOM_WALK, CONSTANT_LEVEL, FREE_SPACE_FORCE, LOAD_FORCE = range(5)
+THESIS_LOAD_FORCE, GRIPPER_HOLDING, CONTACT_MIXTURE, CONSTANT_VELOCITY = range(5, 9)
+DISSIPATIVE_CONTACT, GUIDED_MOTION, CORNER_WEIGHT, TURN_IN_PLACE = range(9, 13)
+RATE_BOUNDS, NO_CONTACT_RISE, TURN_RESISTANCE, TRACED_MOTION = range(13, 17)
+
+# Where a segment's values count from.
 PREVIOUS, FIRST, ZERO = range(3)
 
 CHANNEL = np.dtype(
@@ -225,10 +229,10 @@ def fresh_state(
 ) -> State:
     """Return the state before the first observation: one node, the root, where the first segment starts."""
     window = int(settings["window"][0])
-    slots, nodes = whole(int(settings["cap"][0]) + 1), (groups + 1) * 4 * (window + 2)
+    slots, nodes = lanes_of(int(settings["cap"][0]) + 1), (groups + 1) * 4 * (window + 2)
     libraries, blocks = profiled
     first = 5 * groups + 1  # rows of priors, joint, evidence twice, and pairs
-    wide = whole(window)
+    wide = lanes_of(window)
     shapes: dict[str, tuple[int, ...]] = {
         "now": (SEEN,),
         "previous": (SEEN,),
@@ -254,7 +258,7 @@ def fresh_state(
         "window_ended": (2, groups, wide),
         "begun": (groups, wide),
         "smoothed": (window,),
-        "terms": (max(whole(window + 1), slots),),
+        "terms": (max(lanes_of(window + 1), slots),),
         "settled_kinds": (nodes, kinds),
     }
     arrays = {name: _zeros(shape) for name, shape in shapes.items()}
@@ -293,7 +297,7 @@ def fresh_state(
     return state
 
 
-def whole(n: int) -> int:
+def lanes_of(n: int) -> int:
     """Return n rounded up to a multiple of VECTOR."""
     return -(-n // VECTOR) * VECTOR
 

@@ -190,12 +190,12 @@ def _record_of_noise(noise: Noise) -> Record:
     }
 
 
-def _profiled(model: ProfileModel) -> Record:
+def _profile_model(model: ProfileModel) -> Record:
     target, noise, maximum = model.target, model.noise, model.choice == "maximum"
     even = model.library.calm == 1.0
     best_only = maximum and even and not noise.joint and noise.shares == (0.0,)
     record = {
-        "model": layout.PROFILED,
+        "model": layout.PROFILE_MODEL,
         "signal": SIGNALS[model.channel],
         "origin": ORIGINS[model.origin],
         "blocks": _blocks(model),
@@ -222,9 +222,9 @@ def _profiled(model: ProfileModel) -> Record:
     }
 
 
-def _walk(model: StudentRandomWalk) -> Record:
+def _random_walk(model: StudentRandomWalk) -> Record:
     return {
-        "model": layout.WALK,
+        "model": layout.RANDOM_WALK,
         "signal": SIGNALS[model.channel],
         "scale2": model.scale**2,
         "nu": model.nu,
@@ -234,18 +234,18 @@ def _walk(model: StudentRandomWalk) -> Record:
     }
 
 
-def _constant(model: ConstantLevel) -> Record:
+def _constant_level(model: ConstantLevel) -> Record:
     return {
-        "model": layout.CONSTANT,
+        "model": layout.CONSTANT_LEVEL,
         "signal": SIGNALS[model.channel],
         "origin": ORIGINS[model.origin],
         "unwhitened": int(model.origin != "previous"),
     }
 
 
-def _biased(model: FreeSpaceForce) -> Record:
+def _free_space_force(model: FreeSpaceForce) -> Record:
     return {
-        "model": layout.BIASED,
+        "model": layout.FREE_SPACE_FORCE,
         "signal": FORCE,
         "origin": layout.ZERO,
         "bias2": model.bias**2,
@@ -257,11 +257,11 @@ def _biased(model: FreeSpaceForce) -> Record:
     }
 
 
-def _laden(model: LoadForce) -> Record:
-    return {**_biased(model), "model": layout.LADEN}
+def _load_force(model: LoadForce) -> Record:
+    return {**_free_space_force(model), "model": layout.LOAD_FORCE}
 
 
-def _continued(model: ContinuedLevel) -> Record:
+def _continued_level(model: ContinuedLevel) -> Record:
     whether = {
         "memory": model.memory,
         "log_continued": np.log(model.probability),
@@ -270,18 +270,18 @@ def _continued(model: ContinuedLevel) -> Record:
     return {**RECORDS[type(model.level)](model.level), **whether}
 
 
-def _carried(model: ThesisLoadForce) -> Record:
+def _thesis_load_force(model: ThesisLoadForce) -> Record:
     weight = model.least_kg * GRAVITY
-    return {"model": layout.CARRIED, "signal": FORCE, "lightest": weight, "whitening": 0.0}
+    return {"model": layout.THESIS_LOAD_FORCE, "signal": FORCE, "lightest": weight, "whitening": 0.0}
 
 
-def _held(model: GripperHoldingChain) -> Record:
-    return {"model": layout.HELD, "probability": model.probability, "change": model.change}
+def _gripper_holding(model: GripperHoldingChain) -> Record:
+    return {"model": layout.GRIPPER_HOLDING, "probability": model.probability, "change": model.change}
 
 
-def _contact(model: ContactMixture) -> Record:
+def _contact_mixture(model: ContactMixture) -> Record:
     return {
-        "model": layout.CONTACT,
+        "model": layout.CONTACT_MIXTURE,
         "signal": FORCE,
         "state": model.state,
         "variance": model.sensor2 + np.array([0.0, model.contact2, model.transport2]),
@@ -290,9 +290,9 @@ def _contact(model: ContactMixture) -> Record:
     }
 
 
-def _velocity(model: ConstantVelocity) -> Record:
+def _constant_velocity(model: ConstantVelocity) -> Record:
     return {
-        "model": layout.VELOCITY,
+        "model": layout.CONSTANT_VELOCITY,
         "signal": SIGNALS["position"],
         "nu0": model.nu0,
         "floor2": model.sigma2,
@@ -304,14 +304,14 @@ def _velocity(model: ConstantVelocity) -> Record:
     }
 
 
-def _dissipation(model: DissipativeContactWeight) -> Record:
-    return {"model": layout.DISSIPATION, "least": model.least, "pace": model.pace}
+def _dissipative_contact(model: DissipativeContactWeight) -> Record:
+    return {"model": layout.DISSIPATIVE_CONTACT, "least": model.least, "pace": model.pace}
 
 
-def _guided(model: GuidedMotion) -> Record:
+def _guided_motion(model: GuidedMotion) -> Record:
     return {
         **_movement(model),
-        "model": layout.GUIDED,
+        "model": layout.GUIDED_MOTION,
         "rho": model.correlation,
         "scale2": model.share**2,
         "burst2": model.burst**2,
@@ -320,10 +320,10 @@ def _guided(model: GuidedMotion) -> Record:
     }
 
 
-def _traced(model: TracedMotion) -> Record:
+def _traced_motion(model: TracedMotion) -> Record:
     return {
         **_movement(model),
-        "model": layout.TRACED,
+        "model": layout.TRACED_MOTION,
         "rho": model.discount,
         "reach2": (model.speed / model.floor) ** 2,
     }
@@ -343,9 +343,9 @@ def _movement(model: GuidedMotion | TracedMotion) -> Record:
     }
 
 
-def _corner(model: CornerWeight) -> Record:
+def _corner_weight(model: CornerWeight) -> Record:
     return {
-        "model": layout.CORNER,
+        "model": layout.CORNER_WEIGHT,
         "signal": SIGNALS[model.channel],
         "gamma": model.gamma,
         "standing": model.standing,
@@ -372,24 +372,34 @@ def _padded(values: ArrayLike, room: int) -> NDArray[Any]:
     return padded
 
 
-def _pace(model: RateOfChangeBounds) -> Record:
-    return {"model": layout.PACE, "signal": SIGNALS[model.channel], "least": model.least, "still": model.most}
+def _rate_bounds(model: RateOfChangeBounds) -> Record:
+    return {
+        "model": layout.RATE_BOUNDS,
+        "signal": SIGNALS[model.channel],
+        "least": model.least,
+        "still": model.most,
+    }
 
 
-def _resistance(model: TurnResistance) -> Record:
+def _turn_resistance(model: TurnResistance) -> Record:
     weights = {"least": model.least, "still": model.most, "pace": model.pace}
     where = {"aligned2": model.aligned**2, "force2": LEAST_FORCE_N**2}
-    return {"model": layout.RESISTANCE, **weights, **where}
+    return {"model": layout.TURN_RESISTANCE, **weights, **where}
 
 
-def _no_rise(model: NoContactRise) -> Record:
+def _no_contact_rise(model: NoContactRise) -> Record:
     heaviest = model.most_kg * GRAVITY
-    return {"model": layout.NO_RISE, "scale2": model.scale**2, "reach": model.reach, "heaviest": heaviest}
-
-
-def _pivot(model: TurnInPlace) -> Record:
     return {
-        "model": layout.PIVOT,
+        "model": layout.NO_CONTACT_RISE,
+        "scale2": model.scale**2,
+        "reach": model.reach,
+        "heaviest": heaviest,
+    }
+
+
+def _turn_in_place(model: TurnInPlace) -> Record:
+    return {
+        "model": layout.TURN_IN_PLACE,
         "joint": True,
         "pooled": AXES,
         "nu0": model.nu0,
@@ -401,24 +411,24 @@ def _pivot(model: TurnInPlace) -> Record:
 
 
 RECORDS: Mapping[type, Callable[[Any], Record]] = {
-    ProfileModel: _profiled,
-    StudentRandomWalk: _walk,
-    ConstantLevel: _constant,
-    FreeSpaceForce: _biased,
-    LoadForce: _laden,
-    ContinuedLevel: _continued,
-    ThesisLoadForce: _carried,
-    GripperHoldingChain: _held,
-    ContactMixture: _contact,
-    ConstantVelocity: _velocity,
-    DissipativeContactWeight: _dissipation,
-    GuidedMotion: _guided,
-    TracedMotion: _traced,
-    CornerWeight: _corner,
-    TurnInPlace: _pivot,
-    RateOfChangeBounds: _pace,
-    NoContactRise: _no_rise,
-    TurnResistance: _resistance,
+    ProfileModel: _profile_model,
+    StudentRandomWalk: _random_walk,
+    ConstantLevel: _constant_level,
+    FreeSpaceForce: _free_space_force,
+    LoadForce: _load_force,
+    ContinuedLevel: _continued_level,
+    ThesisLoadForce: _thesis_load_force,
+    GripperHoldingChain: _gripper_holding,
+    ContactMixture: _contact_mixture,
+    ConstantVelocity: _constant_velocity,
+    DissipativeContactWeight: _dissipative_contact,
+    GuidedMotion: _guided_motion,
+    TracedMotion: _traced_motion,
+    CornerWeight: _corner_weight,
+    TurnInPlace: _turn_in_place,
+    RateOfChangeBounds: _rate_bounds,
+    NoContactRise: _no_contact_rise,
+    TurnResistance: _turn_resistance,
 }
 _NOISY = frozenset({ProfileModel, ConstantLevel, FreeSpaceForce, LoadForce, ContinuedLevel, ThesisLoadForce})
 _WIDTHS: Mapping[type, int] = {

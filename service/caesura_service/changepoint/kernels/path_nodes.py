@@ -8,7 +8,7 @@ from caesura_service.numba_support.decorators import compiled
 
 
 @compiled
-def copy(target, source):
+def copy_row(target, source):
     """Copy one row to another; an assignment would allocate memory in case they overlap."""
     for i in range(target.size):
         target[i] = source[i]
@@ -43,7 +43,7 @@ def new_node(here, start, parent, group, kinds):
     state.node_references[node] = 1
     state.node_group[node] = group
     state.node_references[parent] += 1
-    copy(state.node_kinds[node], kinds)
+    copy_row(state.node_kinds[node], kinds)
     state.counters[0].nodes += 1
     return node
 
@@ -81,7 +81,7 @@ def refer(here, node):
 
 
 @compiled
-def settle(here):
+def settle_root(here):
     """Move the root to the latest node that all hypotheses, the next one included, have in common."""
     state = state_at(here)
     me = state.counters[0]
@@ -91,7 +91,7 @@ def settle(here):
             return
         state.settled_start[me.settled] = state.node_start[me.root]
         state.settled_group[me.settled] = state.node_group[child]
-        copy(state.settled_kinds[me.settled], state.node_kinds[child])
+        copy_row(state.settled_kinds[me.settled], state.node_kinds[child])
         me.settled += 1
         state.node_parent[child] = FREE
         state.node_references[me.root] = 0

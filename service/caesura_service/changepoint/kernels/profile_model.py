@@ -34,36 +34,36 @@ from caesura_service.changepoint.kernels.residual_evidence import (
     SQUARES,
     TINY,
     fill_length,
-    follow,
+    follow_origin,
+    lanes_of,
     log_presence,
-    over_axes,
+    squares_log_evidence,
     step_squared,
-    whole,
 )
 from caesura_service.numba_support.decorators import compiled, reducing
 
 # What a hypothesis keeps beside its profiles: origin 3, y 3, log pace, Σy² 3 where all precisions are 1.
-Y, PACE, EVEN = 3, 6, 7
+Y, RATE_BOUNDS, EVEN = 3, 6, 7
 # Rows of the work: of the squares' place once they are used, and behind the others.
 PEAK, TOTAL, PRIORS, CONSTANTS = 5, 6, 7, 7 + MOST_SHARES
 
 
 @compiled
-def profiled(here, c, joins):
+def profile_model(here, c, joins):
     """`ProfileModel`."""
     model, state = model_at(here), state_at(here)
     channel, evidence = model.channels[c], state.channel[c]
-    follow(here, channel, joins)
+    follow_origin(here, channel, joins)
     fill_length(here, c, 0)
     if channel.best_only:
         explain_best(here, channel)
-        over_axes(here, channel, 0, state.channel[c])
+        squares_log_evidence(here, channel, 0, state.channel[c])
     else:
         fill_priors(here, channel)
         explain_all(here, channel)
-        add_logs(evidence, state.work, whole(state.counters[0].living))
+        add_logs(evidence, state.work, lanes_of(state.counters[0].living))
     if channel.pace:
-        add_pace(here, channel, evidence, state.sums[channel.field + PACE], joins)
+        add_pace(here, channel, evidence, state.sums[channel.field + RATE_BOUNDS], joins)
     if channel.reach2:
         add_target(here, channel, evidence)
 
@@ -73,7 +73,7 @@ def add_pace(here, channel, evidence, paces, joins):
     """Add the last step's weight, one for all hypotheses, to `paces`, and `paces` to the evidence."""
     state = state_at(here)
     paced = log_presence(step_squared(here, channel.signal, joins), channel.pace) if joins else 0.0
-    for i in range(whole(state.counters[0].living)):
+    for i in range(lanes_of(state.counters[0].living)):
         paces[i] += paced
         evidence[i] += paces[i]
 
@@ -82,9 +82,9 @@ def add_pace(here, channel, evidence, paces, joins):
 def add_target(here, channel, evidence):
     """`DisplacementPrior.log_density`."""
     state = state_at(here)
-    lanes, moved2, presence = whole(state.counters[0].living), state.work[MOVED], state.work[PEAK]
+    lanes, moved2, presence = lanes_of(state.counters[0].living), state.work[MOVED], state.work[PEAK]
     if channel.least:
-        present(presence, moved2, 0.5 / channel.least**2, lanes)
+        displacement_weight(presence, moved2, 0.5 / channel.least**2, lanes)
         logarithms(presence, lanes)
     else:
         presence[:lanes] = 0.0
@@ -93,7 +93,7 @@ def add_target(here, channel, evidence):
 
 
 @compiled
-def present(presence, moved2, narrow, lanes):
+def displacement_weight(presence, moved2, narrow, lanes):
     """Compute the weight of a displacement, 1 − exp(−narrow · moved²), of each hypothesis."""
     for i in range(lanes):
         presence[i] = max(share_missing(narrow * moved2[i]), TINY)
@@ -115,7 +115,7 @@ def explain_best(here, channel):
         for b in range(channel.blocks):
             norms, sums = table[b, NORM], state.profiles[library, slot, b]
             if last > end:
-                go_on(state.continued[0], norms, model.steps[library, b, 0], last - end)
+                extrapolate(state.continued[0], norms, model.steps[library, b, 0], last - end)
                 norms = state.continued[0]
             for a in range(AXES):
                 new, y = work[SQUARES + a, place], state.sums[at + Y + a, place]
@@ -139,7 +139,7 @@ def accumulate_least(moments, values, norms, new, y):
 
 
 @compiled
-def go_on(sums, last, step, beyond):
+def extrapolate(sums, last, step, beyond):
     """Extrapolate sums by `beyond` samples after a table's end, where each sample adds `step`."""
     for k in range(BLOCK):
         sums[k] = last[k] + beyond * step[k]
@@ -152,7 +152,7 @@ def go_on(sums, last, step, beyond):
 def fill_priors(here, channel):
     """Compute for every share ν₀ times the squared scale, and the term that it adds to the log evidence."""
     state = state_at(here)
-    lanes, half0 = whole(state.counters[0].living), 0.5 * channel.nu0
+    lanes, half0 = lanes_of(state.counters[0].living), 0.5 * channel.nu0
     for s in range(channel.shares):
         prior, constant = state.work[PRIORS + s], state.work[CONSTANTS + s]
         floor2, share2 = channel.nu0 * channel.floor2, channel.nu0 * channel.share2[s]
@@ -192,12 +192,12 @@ def explain_all(here, channel):
                 norms, scales = table[NORM], table[LOG_SCALE]
                 if last > end:
                     steps = model.steps[channel.library, b]
-                    go_on(state.continued[0], norms, steps[0], last - end)
-                    go_on(state.continued[1], scales, steps[1], last - end)
+                    extrapolate(state.continued[0], norms, steps[0], last - end)
+                    extrapolate(state.continued[1], scales, steps[1], last - end)
                     norms, scales = state.continued[0], state.continued[1]
                 explain(here, channel, place, group, b, table, norms)
                 peak = max(peak, weigh_block(here, channel, place, b, scales, half))
-            over_profiles(here, channel, place, peak)
+            mix_profiles(here, channel, place, peak)
 
 
 @compiled
@@ -210,12 +210,14 @@ def explain(here, channel, place, group, b, table, norms):
     if channel.joint:
         x, y, z = new[0, place], new[1, place], new[2, place]
         accumulate(sums[0], sums[1], sums[2], weighed, x, y, z)
-        leave(residuals, squares, precisions, x * x + y * y + z * z, norms, state.work[MOVED, place])
+        add_unexplained(
+            residuals, squares, precisions, x * x + y * y + z * z, norms, state.work[MOVED, place]
+        )
         explain_by(residuals, sums[0], sums[1], sums[2], ways[0, place], ways[1, place], ways[2, place])
     else:
         x, way = new[group, place], ways[group, place]
         accumulate_one(sums[group], weighed, x)
-        leave(residuals, squares, precisions, x * x, norms, way * way)
+        add_unexplained(residuals, squares, precisions, x * x, norms, way * way)
         explain_by_one(residuals, sums[group], way)
 
 
@@ -236,7 +238,7 @@ def accumulate_one(moments, weighed, new):
 
 
 @compiled
-def leave(residuals, squares, precisions, square, norms, moved2):
+def add_unexplained(residuals, squares, precisions, square, norms, moved2):
     """Add a square to the sums of every profile; compute Σwy² + moved² Σwφ², without −2yΣwyφ."""
     for k in range(BLOCK):
         squares[k] += square * precisions[k]
@@ -279,7 +281,7 @@ def weigh_each(evidence, residuals, scales, prior, constant, half):
 
 
 @compiled
-def over_profiles(here, channel, place, peak):
+def mix_profiles(here, channel, place, peak):
     """Add the mixture or maximum over profiles and shares of a group to `work`: its peak and its sum.
 
     `log_evidence`: (blocks · shares, profiles); `work[PEAK]` adds the peak, `work[TOTAL]` multiplies the sum.

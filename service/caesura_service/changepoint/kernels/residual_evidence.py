@@ -24,7 +24,7 @@ BY_LENGTH = 4
 
 
 @inlined
-def whole(n):
+def lanes_of(n):
     """Return n rounded up to a multiple of VECTOR."""
     return (n + VECTOR - 1) // VECTOR * VECTOR
 
@@ -72,7 +72,7 @@ def way_squared(past, first, last):
 
 
 @compiled
-def add(sums, values, lanes):
+def add_values(sums, values, lanes):
     """Add each value to its sum."""
     for i in range(lanes):
         sums[i] += values[i]
@@ -110,14 +110,14 @@ def fill_length(here, c, before):
 
 
 @compiled
-def follow(here, channel, joins):
+def follow_origin(here, channel, joins):
     """Compute the displacement from each hypothesis' origin, its innovation and its squared length.
 
     Fields: origin 3, y 3. The last hypothesis has just begun.
     """
     state = state_at(here)
     newborn, sums, work, at = state.counters[0].living - 1, state.sums, state.work, channel.field
-    lanes = whole(newborn + 1)
+    lanes = lanes_of(newborn + 1)
     work[MOVED, :lanes] = 0.0
     for a in range(AXES):
         z, y = state.now[channel.signal + a], sums[at + AXES + a]
@@ -150,13 +150,13 @@ def add_square(total, values, lanes):
 
 
 @compiled
-def over_axes(here, channel, before, evidence):
+def squares_log_evidence(here, channel, before, evidence):
     """Compute `Noise.log_evidence` of sums of squared residuals by hypothesis and axis, to `evidence`.
 
     The scale is the floor's; the terms that depend on length alone are those of `fill_length`.
     """
     state = state_at(here)
-    lanes, prior = whole(state.counters[0].living), channel.nu0 * channel.floor2
+    lanes, prior = lanes_of(state.counters[0].living), channel.nu0 * channel.floor2
     x, y, z = state.work[SQUARES], state.work[SQUARES + 1], state.work[SQUARES + 2]
     if channel.joint:
         add_all(x, y, z, prior, lanes)

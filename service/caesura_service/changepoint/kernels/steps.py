@@ -5,12 +5,25 @@
 import math
 
 from caesura_service.changepoint.kernels.array_tuple import model_at, state_at
-from caesura_service.changepoint.kernels.channels import take
-from caesura_service.changepoint.kernels.evidence_window import keep_shares, link, remember, smooth, sum_from
-from caesura_service.changepoint.kernels.fast_math import exponentials, logarithms, most_of, shares_of
+from caesura_service.changepoint.kernels.channels import update_channel
+from caesura_service.changepoint.kernels.evidence_window import (
+    keep_shares,
+    link_next_start,
+    remember,
+    smooth,
+    sum_from,
+)
+from caesura_service.changepoint.kernels.fast_math import exponentials, largest_of, logarithms, shares_of
 from caesura_service.changepoint.kernels.layout import AXES, FORCE, FORCES, FREE, HOLDING, ROTATION
-from caesura_service.changepoint.kernels.path_nodes import copy, new_node, node_made, refer, release, settle
-from caesura_service.changepoint.kernels.residual_evidence import add, whole
+from caesura_service.changepoint.kernels.path_nodes import (
+    copy_row,
+    new_node,
+    node_made,
+    refer,
+    release,
+    settle_root,
+)
+from caesura_service.changepoint.kernels.residual_evidence import add_values, lanes_of
 from caesura_service.numba_support.decorators import compiled
 
 UNKNOWN = -1
@@ -36,19 +49,19 @@ def step(here, boundary, changepoint):
             return 0, REFUSED
     me.settled = 0
     if me.count and (boundary or changepoint == 1):
-        link(here, me.count, True)
+        link_next_start(here, me.count, True)
         take_likeliest(here)
     if boundary:
         while me.living:
-            drop(here, me.living - 1)
-    grow(here, changepoint)
+            drop_hypothesis(here, me.living - 1)
+    add_observation(here, changepoint)
     prepare_next(here)
     prune(here)
-    settle(here)
+    settle_root(here)
     if me.count > state.smoothed.shape[0]:
         me.left = state.smoothed[0]
     smooth(here)
-    return me.settled, certain(here)
+    return me.settled, latest_certain_start(here)
 
 
 @compiled
@@ -61,7 +74,7 @@ def condition(here, start):
     keep_from(here, start, before)
     if before == FREE:  # now that the best segmentation has this start
         keep_from(here, start, group_before(here, start))
-    settle(here)
+    settle_root(here)
     smooth(here)
 
 
@@ -72,13 +85,13 @@ def keep_from(here, start, before):
     me = state.counters[0]
     sum_from(here, start, before)
     while me.living and state.starts[0] < start:
-        drop(here, 0)
+        drop_hypothesis(here, 0)
     for place in range(me.living):
         row = state.starts[place] % state.smoothed.shape[0]
         for group in range(state.nodes.shape[0]):
             state.priors[0, group, place] = state.window_priors[0, group, row]
             state.priors[1, group, place] = state.window_priors[1, group, row]
-    join(here)
+    compute_joints(here)
 
 
 @compiled
@@ -94,7 +107,7 @@ def group_before(here, start):
 
 
 @compiled
-def drop(here, place):
+def drop_hypothesis(here, place):
     """Remove the hypothesis at `place`, and move the later ones forward."""
     state = state_at(here)
     me = state.counters[0]
@@ -120,7 +133,7 @@ def move_up(values, first, last):
 
 
 @compiled
-def grow(here, changepoint):
+def add_observation(here, changepoint):
     """Update every hypothesis with the observation, and add one that starts at it."""
     model, state = model_at(here), state_at(here)
     me = state.counters[0]
@@ -134,29 +147,29 @@ def grow(here, changepoint):
     else:
         me.living += 1
         state.starts[newborn] = me.count
-        take_next(here, newborn)
-    follow_path(here, joins)
+        place_next_start(here, newborn)
+    append_to_past(here, joins)
     state.sums[:, newborn] = 0.0
     state.profiles[:, state.slots[newborn]] = 0.0
     count_ages(here)
     for c in range(model.channels.shape[0]):
-        take(here, c, joins)
+        update_channel(here, c, joins)
     weigh_kinds(here)
     if changepoint == 1:
         while me.living > 1:
-            drop(here, 0)
+            drop_hypothesis(here, 0)
     elif changepoint == 0 and me.living > 1:
-        drop(here, me.living - 1)
+        drop_hypothesis(here, me.living - 1)
         state.next[:] = -math.inf
     elif is_first_step:
         state.next[:] = -math.inf
     remember(here)
-    copy(state.previous, state.now)
+    copy_row(state.previous, state.now)
     me.count += 1
 
 
 @compiled
-def opens(state, place):
+def hazard_row(state, place):
     """Return the row of the hazard's tables: 1 if the past before this hypothesis' start is unknown, else
     0.
     """
@@ -186,7 +199,7 @@ def forget_next(here):
 
 
 @compiled
-def take_next(here, place):
+def place_next_start(here, place):
     """Move the priors and nodes of the next start to the hypothesis at `place`."""
     state = state_at(here)
     groups = state.nodes.shape[0]
@@ -201,7 +214,7 @@ def take_next(here, place):
 
 
 @compiled
-def follow_path(here, joins):
+def append_to_past(here, joins):
     """Append the observation to `state.past`; the first observation fills it completely."""
     state = state_at(here)
     past = state.past
@@ -217,30 +230,30 @@ def follow_path(here, joins):
 def weigh_kinds(here):
     """Compute `SegmentModelSet.kind_log_evidence` and `combine`."""
     model, state = model_at(here), state_at(here)
-    lanes, kinds, plain = whole(state.counters[0].living), state.kinds, state.plain
+    lanes, kinds, plain = lanes_of(state.counters[0].living), state.kinds, state.plain
     for k in range(kinds.shape[0]):
         kinds[k, :lanes] = model.log_weight[k]
         for c in range(model.members.shape[1]):
             if model.members[k, c]:
-                add(kinds[k], state.channel[c], lanes)
-    over_groups(here, plain, 1.0, lanes)
+                add_values(kinds[k], state.channel[c], lanes)
+    combine_groups(here, plain, 1.0, lanes)
     power = model.settings[0].power
     if power != 1.0:
-        over_groups(here, state.evidence, power, lanes)
+        combine_groups(here, state.evidence, power, lanes)
     else:
         for group in range(plain.shape[0]):
-            put(state.evidence[group], plain[group], lanes)
+            copy_values(state.evidence[group], plain[group], lanes)
 
 
 @compiled
-def over_groups(here, evidence, power, lanes):
+def combine_groups(here, evidence, power, lanes):
     """Compute `SegmentModelSet.combine` of the kinds' evidence to some power."""
     model, state = model_at(here), state_at(here)
     kinds, total, each = state.kinds, state.work[0], state.work[1]
     evidence[:, :lanes] = -math.inf
     for k in range(kinds.shape[0]):
         temper(each, kinds[k], power, lanes)
-        most(evidence[model.groups[k]], each, lanes)
+        raise_to_larger(evidence[model.groups[k]], each, lanes)
     if model.settings[0].maximum:
         return
     for group in range(evidence.shape[0]):
@@ -248,11 +261,11 @@ def over_groups(here, evidence, power, lanes):
         for k in range(kinds.shape[0]):
             if model.groups[k] == group:
                 temper(each, kinds[k], power, lanes)
-                beside(each, each, evidence[group], lanes)
+                subtract_largest(each, each, evidence[group], lanes)
                 exponentials(each, 0.0, lanes)
-                add(total, each, lanes)
+                add_values(total, each, lanes)
         logarithms(total, lanes)
-        add(evidence[group], total, lanes)
+        add_values(evidence[group], total, lanes)
 
 
 @compiled
@@ -263,21 +276,21 @@ def temper(each, values, power, lanes):
 
 
 @compiled
-def put(target, values, lanes):
+def copy_values(target, values, lanes):
     """Copy values to a target."""
     for i in range(lanes):
         target[i] = values[i]
 
 
 @compiled
-def most(largest, values, lanes):
+def raise_to_larger(largest, values, lanes):
     """Store the larger of two values at each place."""
     for i in range(lanes):
         largest[i] = max(largest[i], values[i])
 
 
 @compiled
-def beside(difference, values, largest, lanes):
+def subtract_largest(difference, values, largest, lanes):
     """Subtract the largest value at each place."""
     for i in range(lanes):
         difference[i] = values[i] - largest[i]
@@ -291,7 +304,7 @@ def prepare_next(here):
     for group in range(state.nodes.shape[0]):
         best, chosen = -math.inf, 0
         for place in range(me.living):
-            mass = model.log_mass[opens(state, place), me.count - state.starts[place]]
+            mass = model.log_mass[hazard_row(state, place), me.count - state.starts[place]]
             terms[place] = state.priors[0, group, place] + (power * mass + state.evidence[group, place])
             score = state.priors[1, group, place] + (mass + state.plain[group, place])
             if score > best:
@@ -299,7 +312,7 @@ def prepare_next(here):
         state.ended[1, group], state.ended_at[group] = best, chosen
         state.ended[0, group] = shares_of(terms, me.living)
         keep_shares(here, me.count, group, state.starts, terms, me.living)
-    link(here, me.count, False)
+    link_next_start(here, me.count, False)
     make_nodes(here)
 
 
@@ -330,12 +343,12 @@ def take_likeliest(here):
 
 
 @compiled
-def join(here):
+def compute_joints(here):
     """Compute `RunLengthFilter.log_joint`."""
     model, state = model_at(here), state_at(here)
     me, pairs, power = state.counters[0], state.pairs, model.settings[0].power
     for place in range(me.living):
-        survived = power * model.log_survival[opens(state, place), me.count - 1 - state.starts[place]]
+        survived = power * model.log_survival[hazard_row(state, place), me.count - 1 - state.starts[place]]
         for group in range(pairs.shape[0]):
             pairs[group, place] = state.priors[0, group, place] + survived + state.evidence[group, place]
         sum_pairs(here, place)
@@ -358,12 +371,12 @@ def prune(here):
     """Drop hypotheses of negligible probability, and compute the joints of the others."""
     model, state = model_at(here), state_at(here)
     me, settings = state.counters[0], model.settings[0]
-    join(here)
-    least = most_of(state.joint, me.living) + settings.log_prune
+    compute_joints(here)
+    least = largest_of(state.joint, me.living) + settings.log_prune
     before = me.living
     for place in range(before - settings.keep_youngest - 1, -1, -1):
         if not state.joint[place] >= least:
-            drop(here, place)
+            drop_hypothesis(here, place)
         else:
             drop_pairs(here, place, least)
     if me.living > settings.cap:
@@ -373,7 +386,7 @@ def prune(here):
         for place in range(1, me.living - settings.keep_youngest):
             if state.joint[place] < state.joint[least_at]:
                 least_at = place
-        drop(here, least_at)
+        drop_hypothesis(here, least_at)
 
 
 @compiled
@@ -393,7 +406,7 @@ def drop_pairs(here, place, least):
 
 
 @compiled
-def certain(here):
+def latest_certain_start(here):
     """Return the latest start of the best segmentation that is certain and not yet final; -1 without one."""
     model, state = model_at(here), state_at(here)
     me, settings = state.counters[0], model.settings[0]
@@ -426,7 +439,7 @@ def best_pair(here):
     me = state.counters[0]
     best, chosen, of_group = -math.inf, 0, 0
     for place in range(me.living):
-        survived = model.log_survival[opens(state, place), me.count - 1 - state.starts[place]]
+        survived = model.log_survival[hazard_row(state, place), me.count - 1 - state.starts[place]]
         for group in range(state.nodes.shape[0]):
             score = state.priors[1, group, place] + survived + state.plain[group, place]
             if score > best:
@@ -435,7 +448,7 @@ def best_pair(here):
 
 
 @compiled
-def outline(here, path):
+def write_segmentation(here, path):
     """Write start, and number of the best kind of its group, of each segment of the best segmentation.
 
     path: (n, 2), n one more than the number of nodes; the latest segment first. Returns the number of

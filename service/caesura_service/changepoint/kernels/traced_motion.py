@@ -12,7 +12,7 @@ from caesura_service.changepoint.kernels.guided_motion_and_corner import (
     mix_scales,
 )
 from caesura_service.changepoint.kernels.layout import AXES, MOST_SHARES, PAST
-from caesura_service.changepoint.kernels.residual_evidence import log_presence, way_squared, whole
+from caesura_service.changepoint.kernels.residual_evidence import lanes_of, log_presence, way_squared
 from caesura_service.numba_support.decorators import compiled
 
 MEAN, SPREAD = DENSITIES + MOST_SHARES, DENSITIES + MOST_SHARES + AXES  # fields, after those of guided motion
@@ -20,11 +20,11 @@ SQUARED, LOGS = 0, 1  # rows of the work
 
 
 @compiled
-def traced(here, c):
+def traced_motion(here, c):
     """`TracedMotion`. Fields: Σ log weight, Σ log density of e for each scale, m 3, C, at first 0."""
     model, state = model_at(here), state_at(here)
     channel, living, work = model.channels[c], state.counters[0].living, state.work
-    sums, lanes = state.sums[channel.field : channel.field + SPREAD + 1], whole(living)
+    sums, lanes = state.sums[channel.field : channel.field + SPREAD + 1], lanes_of(living)
     follow_velocity(channel, state.past, sums, work[SQUARED], work[LOGS], living)
     work[SQUARED, living:lanes], work[LOGS, living:lanes] = 0.0, 1.0
     logarithms(work[LOGS], lanes)

@@ -7,7 +7,7 @@ import math
 from caesura_service.changepoint.kernels.array_tuple import model_at, state_at
 from caesura_service.changepoint.kernels.fast_math import logarithms
 from caesura_service.changepoint.kernels.layout import AXES
-from caesura_service.changepoint.kernels.residual_evidence import BY_LENGTH, fill_length, whole
+from caesura_service.changepoint.kernels.residual_evidence import BY_LENGTH, fill_length, lanes_of
 from caesura_service.numba_support.decorators import compiled
 
 START, TRIANGLE, LEFT, LOG_SCALES, NEAR = 0, 3, 12, 13, 14  # fields
@@ -17,13 +17,13 @@ SMALL_ANGLE_RAD = 1e-6
 
 
 @compiled
-def pivot(here, c):
+def turn_in_place(here, c):
     """`TurnInPlace`. Fields: start 3, triangle row by row 4 + 3 + 2, squares left, Σ log w, Σ log weight."""
     model, state = model_at(here), state_at(here)
     channel, living, past = model.channels[c], state.counters[0].living, state.past
     sums, last = state.sums[channel.field : channel.field + 15], past.shape[0] - 1
     begin(sums, living - 1, past[last - 1], channel)
-    add_step(sums, state.work, past, channel, whole(living))
+    add_step(sums, state.work, past, channel, lanes_of(living))
     fill_length(here, c, 0)
     regress(here, channel, sums, state.channel[c])
 
@@ -109,7 +109,7 @@ def rotation_less_identity(u, v, w, first, second):
 def regress(here, channel, sums, evidence):
     """Compute `TurnInPlace.log_evidence`; `fill_length` has stored the terms that depend on length alone."""
     state = state_at(here)
-    work, lanes = state.work, whole(state.counters[0].living)
+    work, lanes = state.work, lanes_of(state.counters[0].living)
     x, y, z = DIAGONAL
     for i in range(lanes):
         work[SQUARES, i] = channel.nu0 + sums[LEFT, i]

@@ -45,7 +45,7 @@ class ParallelSessions:
                 other.others_s += step_s
                 other.in_turn &= other.others_s < PARTED_S
 
-    def take(self, update: Update) -> None:
+    def observe(self, update: Update) -> None:
         """Apply the state of a session: the time that it has reached, or its close."""
         if update.closed:
             self.close(update.station, update.session)

@@ -100,7 +100,7 @@ class LiveView:
         if key not in self._updates:
             self._current = self._ask_current()
         self._updates = {**self._updates, key: update}
-        self._parallel.take(update)
+        self._parallel.observe(update)
         self._count_bridges(update.station)
         if self._service == SAID_OF_SERVICE["there"]:
             self._service = ""

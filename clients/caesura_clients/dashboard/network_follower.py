@@ -174,7 +174,7 @@ class NetworkFollower(RepeatingThreads):
         )
         if key not in known:
             self._look_up_current(update.station)
-        self._parallel.take(update)
+        self._parallel.observe(update)
         self._count_bridges(update.station)
         if update.posterior is not None:
             self._keep_posterior(update.station, update.posterior)

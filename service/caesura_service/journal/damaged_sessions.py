@@ -75,13 +75,13 @@ class UnreadableResults:
 
 @contextmanager
 def beside(steps: Generator[None, None, None], name: str) -> Iterator[None]:
-    """Take the steps in a thread of this name while the context lasts, for CHECK_SHARE of the time.
+    """Run the steps in a thread of this name while the context lasts, for CHECK_SHARE of the time.
 
     A JournalError ends the thread: the journal's other readers report it.
     """
     stopped = threading.Event()
 
-    def take() -> None:
+    def run() -> None:
         began = time.monotonic()
         with suppress(JournalError), closing(steps):
             for _ in steps:
@@ -90,7 +90,7 @@ def beside(steps: Generator[None, None, None], name: str) -> Iterator[None]:
                     return
                 began = time.monotonic()
 
-    thread = threading.Thread(target=take, name=name, daemon=True)
+    thread = threading.Thread(target=run, name=name, daemon=True)
     thread.start()
     try:
         yield

@@ -38,7 +38,7 @@ class FinalizedSegments:
     def __len__(self) -> int:
         return len(self._segments) + len(self._parts)
 
-    def take(self, parts: Iterable[SegmentEntry], quiet: int) -> None:
+    def add(self, parts: Iterable[SegmentEntry], quiet: int) -> None:
         """Add settled parts, and encode those before part number `quiet`, which no later program reads."""
         self._parts += parts
         count = max(min(quiet - len(self._segments), len(self._parts)), 0)

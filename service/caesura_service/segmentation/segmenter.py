@@ -169,7 +169,7 @@ class Segmenter:
             SegmentEntry(one.stretch.start, one.stretch.end, one.segment, one.changepoint) for one in seen
         ]
         count = self._settling(fresh)
-        self.settled.take(parts[:count], quiet)
+        self.settled.add(parts[:count], quiet)
         free = (one for one in reversed(fresh[:count]) if is_baseline(one, self._history, self._bias_n))
         self._baseline = [*islice(free, 1)] or self._baseline
         return parts[count:]

@@ -79,7 +79,7 @@ class BatchCollector:
             self._hold(source, known, layout, content)
         return True
 
-    def take(self, content: RawPayload, source: str, station: str | None) -> None:
+    def receive(self, content: RawPayload, source: str, station: str | None) -> None:
         """Pass on a message of a source, after the held batches of the source."""
         with self._lock:
             self._release(source)

@@ -189,7 +189,7 @@ def key_of(message: Changepoints | Segments | Posterior | Hints | SessionStatus 
 
 def _receive_reply(replay: PendingReplay, blocks: ReplayBlocks, reply: Incoming) -> None:
     replay.replies += 1
-    blocks.take(RawPayload.of(*reply))
+    blocks.receive(RawPayload.of(*reply))
 
 
 def _receive_refusal(replay: PendingReplay, refusal: Encoded) -> None:

@@ -23,7 +23,7 @@ class ReplayBlocks:
         self._first, self._payloads = 0, list[bytes]()
         self._lock = threading.Lock()
 
-    def take(self, reply: RawPayload) -> None:
+    def receive(self, reply: RawPayload) -> None:
         """Add a reply, to pass it on with those that follow."""
         with self._lock:
             if not self._follows(reply):

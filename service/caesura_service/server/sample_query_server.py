@@ -61,7 +61,7 @@ class SampleServer(BackgroundThread):
         self._queue: WorkQueue[tuple[IncomingQuery, str, str]] = WorkQueue(QueueSettings(capacity=QUERIES))
         super().__init__("caesura-samples", self._queue.wake)
 
-    def take(self, query: IncomingQuery, lane: str) -> ProtocolError | None:
+    def enqueue(self, query: IncomingQuery, lane: str) -> ProtocolError | None:
         """Enqueue a query; return the refusal if too many of the lane are queued.
 
         Called by the network's threads.

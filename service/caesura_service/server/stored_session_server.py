@@ -40,7 +40,7 @@ class StoredSessionServer(AnsweringThread):
         self._waited_s = 0.0  # [s] of the query that was begun last
         super().__init__("caesura-stored", QUERIES, Pace(LISTING_RATE))
 
-    def take(self, query: IncomingQuery, lane: str, wanted: StoredPage) -> ProtocolError | None:
+    def enqueue(self, query: IncomingQuery, lane: str, wanted: StoredPage) -> ProtocolError | None:
         """Enqueue a query; return the refusal if too many of the lane are queued."""
         if self._queue.offer((query, self._answer(query, lane, wanted, self._clock())), lane):
             return None

@@ -110,7 +110,7 @@ class ZenohServer:
         self._log_rate = RateLimit(LOG_RATE)
         self._stored = StoredSessionServer(registry.stored, owner.instance)
         self._queries = QueryServer(
-            registry, self._queue, self.status, self.budgets, self._stored.take, owner.instance
+            registry, self._queue, self.status, self.budgets, self._stored.enqueue, owner.instance
         )
         self._samples = SampleServer(samples, lambda: registry.index, owner, registry.ownership)
         self._collector = BatchCollector(
@@ -218,12 +218,12 @@ class ZenohServer:
         key = service_key(self._owner.instance, "status")
         announced = network.declare_publisher(key, "data_high")
         stack.enter_context(OverloadMonitor(self._queue, lambda: put(announced, self.status())))
-        for asked, take in (
+        for asked, enqueue in (
             (session_key("*", "*", "snapshot"), self._queries.snapshot),
-            (session_key("*", "*", "samples"), self._samples.take),
+            (session_key("*", "*", "samples"), self._samples.enqueue),
             (key, self._queries.status),
         ):
-            handle = partial(self._handle_query, take)
+            handle = partial(self._handle_query, enqueue)
             stack.callback(self._poller.declare_queryable(network, asked, handle).undeclare)
 
     def _await_name(self, network: Network, patience_s: float) -> None:
@@ -275,11 +275,11 @@ class ZenohServer:
             self._muted_commands.mute(source)
 
     def _handle_query(
-        self, take: Callable[[IncomingQuery, str], ProtocolError | None], query: IncomingQuery
+        self, enqueue: Callable[[IncomingQuery, str], ProtocolError | None], query: IncomingQuery
     ) -> None:
         """Enqueue a query on stations within the budget of its lane, or refuse it.
 
-        take: enqueues it; returns the refusal if too many of the lane are queued.
+        enqueue: puts it in a queue; returns the refusal if too many of the lane are queued.
         """
         lane = lane_of_query(query.key)
         source, refused_as = (lane + LISTING, LISTING) if is_listing(query) else (lane, lane)
@@ -287,7 +287,7 @@ class ZenohServer:
             query.drop()
             return
         refusal = self.budgets.reject_query(lane) or size_refusal(query)
-        if refusal is None and (refusal := take(query, lane)) is not None:
+        if refusal is None and (refusal := enqueue(query, lane)) is not None:
             self.budgets.count_refused(lane, "queries")
         if refusal is not None and not self._queries.refuse(query, refused_as, refusal):
             self._muted_queries.mute(source)
@@ -304,7 +304,7 @@ class ZenohServer:
             self._drop(source, refusal.message)
             self._muted.mute(key)
             return
-        self._collector.take(RawPayload.of(key, payload, encoding), source, station)
+        self._collector.receive(RawPayload.of(key, payload, encoding), source, station)
 
     def _enqueue_samples(self, content: RawPayload, source: str, station: str | None) -> None:
         self._queue.offer(SamplesReceived(content, station), source, len(content.payload), station or UNKNOWN)

@@ -45,7 +45,7 @@ from caesura_service.segmentation.pipeline_interface import Pipeline
 from caesura_service.sessions.limits import Limits
 
 logger = logging.getLogger(__name__)
-Take = Callable[[NDArray[np.float64]], bool]  # a pipeline's `push`, or `push_without_program`
+Push = Callable[[NDArray[np.float64]], bool]  # a pipeline's `push`, or `push_without_program`
 
 
 class PreparedEdit(NamedTuple):
@@ -134,9 +134,9 @@ class PipelineHost:
         and the batches are pushed one by one.
         without_program: postpone a due program to `make_due_program`, which must be called next.
         """
-        take = self._pipeline.push_without_program if without_program else self._pipeline.push
+        push = self._pipeline.push_without_program if without_program else self._pipeline.push
         try:
-            return self._push(samples, batches, take)
+            return self._push(samples, batches, push)
         except ProtocolError:  # nothing has changed: which batch has to be rejected is found one by one
             parts = np.split(samples, batches)
             return [output for part in parts if self.lifecycle == "open" for output in self.push(part)]
@@ -156,13 +156,13 @@ class PipelineHost:
             return self._fail(error)
         return self._run_guarded(self._update_view)
 
-    def _push(self, samples: NDArray[np.float64], count: int, take: Take) -> list[Output]:
+    def _push(self, samples: NDArray[np.float64], count: int, push: Push) -> list[Output]:
         """Push the samples of `count` batches.
 
         Raises ProtocolError for invalid ones, and then changes nothing.
         """
         try:
-            changed = _push(take, samples)  # may give way: what is published meanwhile is not retracted
+            changed = _push(push, samples)  # may give way: what is published meanwhile is not retracted
         except ProtocolError:
             raise
         except Exception as error:
@@ -439,13 +439,13 @@ def replacing_apps(command: EditProgram) -> tuple[App, ...]:
     return command.apps if isinstance(command, AppliedProgramEdit) else ()
 
 
-def _push(take: Take, samples: NDArray[np.float64]) -> bool:
+def _push(push: Push, samples: NDArray[np.float64]) -> bool:
     """Push samples; return whether the view changed. Raises ProtocolError `malformed`.
 
     For invalid samples the pipeline raises ValueError and is unchanged; every other error is internal.
     """
     try:
-        return take(samples)
+        return push(samples)
     except ValueError as error:
         if type(error) is not ValueError:
             raise

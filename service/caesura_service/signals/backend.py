@@ -14,7 +14,7 @@ from caesura_service.signals import numpy_operations
 class Backend(NamedTuple):
     """The operations of `numpy_operations`, in NumPy or compiled."""
 
-    take: Callable[..., bool]
+    copy_columns: Callable[..., bool]
     is_steady: Callable[..., bool]
     make_sign_continuous: Callable[..., None]
     interpolate_holds: Callable[..., float]

@@ -236,7 +236,7 @@ class Conditioner:
         """
         if self._finished:
             raise RuntimeError("push after finish: this conditioner's demonstration is over")
-        samples = self.layout.take(samples, self._arithmetic)
+        samples = self.layout.copy_columns(samples, self._arithmetic)
         grid, resampled = self._resampler.advance(self._grid, samples, broken=self._broken)
         if resampled is NOTHING:
             self._grid = grid

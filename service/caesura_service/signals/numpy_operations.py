@@ -24,7 +24,7 @@ FILLED, LEFT_OPEN = -1, -2
 ALIKE_M_PER_S = 1e-9  # speeds that are closer differ by rounding alone
 
 
-def take(samples: Array, plan: Array, quaternion: int, tolerance: float, taken: Array) -> bool:
+def copy_columns(samples: Array, plan: Array, quaternion: int, tolerance: float, taken: Array) -> bool:
     """Copy and scale columns of samples (n, columns) into (n, taken); return whether all values are valid.
 
     plan: (3, columns) the limit of a column's absolute value, its target column, -1 for none, and its scale.

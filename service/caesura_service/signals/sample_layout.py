@@ -120,7 +120,7 @@ class SampleLayout:
 
     @cached_property
     def slices(self) -> dict[str, slice]:
-        """The slice of each signal among the values: the columns after the time in the result of `take`."""
+        """The slice of each signal among the values, the columns after the time of `copy_columns`."""
         place, slices = 0, {}
         for signal in self._used():
             width = len(self._names(signal))
@@ -140,11 +140,11 @@ class SampleLayout:
         return self.joints if "pos" in self.slices and "q" in self.slices else 0
 
     def read(self, samples: Array) -> tuple[Array, Array]:
-        """Return times (n,) [s] and values (n, c) from the result of `take`."""
-        taken = self.take(samples)
+        """Return times (n,) [s] and values (n, c) from the result of `copy_columns`."""
+        taken = self.copy_columns(samples)
         return taken[:, 0], taken[:, 1:]
 
-    def take(self, samples: Array, arithmetic: Backend = REFERENCE) -> Array:
+    def copy_columns(self, samples: Array, arithmetic: Backend = REFERENCE) -> Array:
         """Copy the columns in use: (n, 1 + c), time [s] first, then values, positions in metres.
 
         samples: (n, columns). Raises ValueError for a wrong shape or an impossible value.
@@ -156,15 +156,15 @@ class SampleLayout:
         if not samples.flags.carray:
             samples = samples.copy()
         taken = np.empty((len(samples), len(self._picked)))
-        if not arithmetic.take(samples, *self._conditions, taken):
+        if not arithmetic.copy_columns(samples, *self._conditions, taken):
             self._refuse(samples)
         return taken
 
     @cached_property
     def _conditions(self) -> tuple[Array, int, float]:
-        """The arguments of `Backend.take`: plan, first quaternion column (−1: none), tolerance of its norm.
+        """Arguments of `Backend.copy_columns`: plan, first quaternion column or −1, tolerance of its norm.
 
-        plan: (3, columns) limit, column among those taken (−1: not taken), and factor of each column.
+        plan: (3, columns) limit, column in the copy (−1: not copied), and factor of each column.
         """
         plan = np.array([self._limits, np.full(len(self.columns), -1), np.ones(len(self.columns))])
         plan[1, self._picked] = np.arange(len(self._picked))

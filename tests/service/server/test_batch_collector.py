@@ -70,7 +70,7 @@ class Floor:
     def put(self, payload: bytes, key: str = KEY, encoding: str = ENCODING) -> None:
         """As the server does."""
         if not self.collector.hold(key, payload, encoding):
-            self.collector.take(RawPayload.of(key, payload, encoding), key, STATION)
+            self.collector.receive(RawPayload.of(key, payload, encoding), key, STATION)
 
     def blocks(self) -> list[object]:
         return [block for _, block in self.passed if isinstance(block, list)]
@@ -287,7 +287,7 @@ class Together(Service):
             )
         if kind == "samples":
             if not self._collector.hold(what.key, what.payload, what.encoding):
-                self._collector.take(what, what.key, STATION)
+                self._collector.receive(what, what.key, STATION)
         else:
             self._collector.release(KEY)
             self._queue.append((kind, what))

@@ -24,7 +24,7 @@ def passed(replies: list[RawPayload]) -> list[object]:
         lambda block: found.append([block.first + place for place in range(len(block.payloads))]),
     )
     for reply in replies:
-        blocks.take(reply)
+        blocks.receive(reply)
     blocks.end()
     return found
 

@@ -237,9 +237,9 @@ def test_a_page_of_another_station_does_not_wait_for_the_end_of_a_long_one(tmp_p
             for station in ("cell-1", "cell-2")
         )
         with StoredSessionServer(stored, "caesura-1") as server:
-            server.take(first, "cell-1", StoredPage())
+            server.enqueue(first, "cell-1", StoredPage())
             assert begun.wait(DEADLINE_S)
-            server.take(second, "cell-2", StoredPage())
+            server.enqueue(second, "cell-2", StoredPage())
             both_ask.set()
             assert first.ended.wait(DEADLINE_S)
             assert second.ended.wait(DEADLINE_S)
@@ -414,9 +414,9 @@ def test_a_list_that_has_waited_too_long_is_refused_with_a_time(tmp_path: Path):
     with SqliteJournal(tmp_path / "caesura-1.sqlite") as journal:
         stored = StoredSessions(journal, lambda: INDEX, lambda _station: True)
         server = StoredSessionServer(stored, "caesura-1", clock=lambda: now)
-        assert server.take(queries[0], "?", StoredPage()) is None
+        assert server.enqueue(queries[0], "?", StoredPage()) is None
         now += PATIENCE_S + 1.5
-        assert server.take(queries[1], "?", StoredPage()) is None
+        assert server.enqueue(queries[1], "?", StoredPage()) is None
         with server:
             for one in queries:
                 assert one.ended.wait(DEADLINE_S)
@@ -432,8 +432,8 @@ def test_a_lane_without_room_says_when_to_ask_again(tmp_path: Path):
             StoredSessions(journal, lambda: INDEX, lambda _station: True), "caesura-1"
         )
         key = session_key("*", "*", "snapshot")
-        refused = [server.take(MemoryQuestion(key, "", None), "?", StoredPage()) for _ in range(QUERIES)]
-        other = server.take(MemoryQuestion(key, "", None), "cell-1", StoredPage())
+        refused = [server.enqueue(MemoryQuestion(key, "", None), "?", StoredPage()) for _ in range(QUERIES)]
+        other = server.enqueue(MemoryQuestion(key, "", None), "cell-1", StoredPage())
     assert refused[: QUERIES // 4] == [None] * (QUERIES // 4)
     assert "ask again in 1 s" in str(refused[-1])
     assert other is None

@@ -9,8 +9,8 @@ from caesura_service.signals.numpy_operations import ALIKE_M_PER_S, FORCE, LEFT_
 
 
 @compiled
-def take(samples, plan, quaternion, tolerance, taken):
-    """Compute as `numpy_operations.take`."""
+def copy_columns(samples, plan, quaternion, tolerance, taken):
+    """Compute as `numpy_operations.copy_columns`."""
     beyond = False
     for c in range(samples.shape[1]):
         limit, place, scale = plan[0, c], int(plan[1, c]), plan[2, c]

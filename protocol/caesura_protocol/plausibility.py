@@ -317,7 +317,7 @@ class FirstSecond:
         """The number of samples received until the check ended."""
         return self._count
 
-    def look(self, rows: NDArray[np.floating]) -> Implausible | None:
+    def check(self, rows: NDArray[np.floating]) -> Implausible | None:
         """Check the next rows (k, columns). Return the implausible quantity of the stream so far, or None."""
         if self._over or not len(rows):
             return self._found

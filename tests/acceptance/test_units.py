@@ -155,7 +155,7 @@ def test_what_is_taught_in_the_right_units_is_plausible(scenario: str):
     recording = nominal_once(scenario).recording
     assert implausible(recording.t, recording.signals) is None
     first = FirstSecond(recording.columns, "m", ())
-    assert [first.look(rows) for rows in np.array_split(recording.matrix()[:1200], 60)] == 60 * [None]
+    assert [first.check(rows) for rows in np.array_split(recording.matrix()[:1200], 60)] == 60 * [None]
 
 
 REAL = Path(__file__).parents[2].parent / "shared" / "data" / "real"
@@ -168,7 +168,7 @@ def test_every_recording_is_plausible(file: Path):
     recording = load_recording(file)
     matrix = recording.matrix()
     first = FirstSecond(recording.columns, recording.length_unit, ())
-    assert [first.look(rows) for rows in np.array_split(matrix, 50)] == 50 * [None]
+    assert [first.check(rows) for rows in np.array_split(matrix, 50)] == 50 * [None]
 
 
 def test_a_wild_sample_and_a_leap_are_no_other_unit():

@@ -152,7 +152,7 @@ class Way:
         """Hold it, or process it with those that were held."""
         self._now, key = now, station_key(station, "samples")
         if not self._collector.hold(key, batch.payload, batch.encoding):
-            self._collector.take(RawPayload.of(key, batch.payload, batch.encoding), key, station)
+            self._collector.receive(RawPayload.of(key, batch.payload, batch.encoding), key, station)
         while self._passed:
             self._passed.pop()()
 

@@ -448,7 +448,7 @@ class Bridge:
             before = self._first_second.seen
             for wrong in wrong_values(signals, lambda row: f"sample {before + row}"):
                 raise SourceError(f"the source: {wrong}")
-        if (found := self._first_second.look(rows)) is not None:
+        if (found := self._first_second.check(rows)) is not None:
             raise SourceError(f"the source: {found}. {unit_remedy(found, self._open.length_unit)}")
 
     def _raise_failure(self) -> None:

@@ -180,7 +180,7 @@ def run_instances(
             ready(endpoint)
         while not over.wait(LOOK_S):
             if watch is not None:
-                watch.look(LOOK_S)
+                watch.update(LOOK_S)
             for instance in instances:
                 instance.look()
 

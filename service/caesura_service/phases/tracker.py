@@ -26,7 +26,7 @@ from caesura_service.phases.retraced_path import NO_WAY, Way, way_of
 
 PlacesBetween = Callable[[float, float], Array]
 
-WAY_S = 60.0  # of a segment, its end, whose way is looked at
+WAY_S = 60.0  # of a segment, its end, whose way is grouped at
 
 
 class _PhaseRun(NamedTuple):
@@ -63,23 +63,23 @@ class PhaseTracker:
         self._kept: list[_CachedStep] = []  # settled segments from `_first` on
         self._before: list[SegmentFeatures] = []  # up to `memory` segments before them
         self._open: _PhaseRun | None = None  # the phase of segment `_first` before it, where it began earlier
-        self._looked: list[_CachedStep] = []  # segments that had not settled at the last look
-        self._decided: list[Phase] = []  # since the last look
+        self._unsettled: list[_CachedStep] = []  # segments that had not settled at the last call
+        self._decided: list[Phase] = []  # since the last call of `update`
 
     @property
     def settled(self) -> int:
-        """The number of settled segments; the next `look` begins with this one."""
+        """The number of settled segments; the next `update` begins with this one."""
         return self._settled
 
-    def look(self, segments: Sequence[Segment], *, finished: bool) -> tuple[list[Phase], list[Phase]]:
+    def update(self, segments: Sequence[Segment], *, finished: bool) -> tuple[list[Phase], list[Phase]]:
         """Group the segments from number `settled` on, which may still change, with those before them.
 
-        finished: the demonstration is over. Returns the phases that have been decided since the last look,
+        finished: the demonstration is over. Returns the phases that have been decided since the last call,
         and those after them.
         """
-        looked = self._follow(segments, finished=finished)
+        grouped = self._follow(segments, finished=finished)
         newly, self._decided = self._decided, []
-        shown = [*self._kept, *looked]
+        shown = [*self._kept, *grouped]
         if not shown:
             return newly, []
         steps = [one.step for one in shown]
@@ -89,7 +89,7 @@ class PhaseTracker:
 
     def settle(self, segment: Segment) -> None:
         """Process segment number `settled`, which can no longer change."""
-        self._looked = []
+        self._unsettled = []
         one = self._step(segment, self._kept, grows=False)
         self._kept.append(one._replace(step=settled(one.step)))
         self._settled += 1
@@ -113,16 +113,16 @@ class PhaseTracker:
 
     def _follow(self, segments: Sequence[Segment], *, finished: bool) -> list[_CachedStep]:
         """Return the forward steps of the unsettled segments; unchanged segments keep their steps."""
-        looked: list[_CachedStep] = []
+        grouped: list[_CachedStep] = []
         for segment in segments:
             grows = segment is segments[-1] and not finished
-            known = self._looked[len(looked)] if len(looked) < len(self._looked) else None
+            known = self._unsettled[len(grouped)] if len(grouped) < len(self._unsettled) else None
             if known is None or known.segment is not segment or known.seen.grows != grows:
-                self._looked = []
-                known = self._step(segment, [*self._kept, *looked], grows=grows)
-            looked.append(known)
-        self._looked = looked
-        return looked
+                self._unsettled = []
+                known = self._step(segment, [*self._kept, *grouped], grows=grows)
+            grouped.append(known)
+        self._unsettled = grouped
+        return grouped
 
     def _step(self, segment: Segment, before: Sequence[_CachedStep], *, grows: bool) -> _CachedStep:
         parameters = self._chain.parameters
@@ -138,11 +138,11 @@ class PhaseTracker:
         return way_of(self._places_between(max(segment.t0, segment.tn - WAY_S), segment.tn))
 
     def _groups(
-        self, looked: Sequence[_CachedStep], states: Sequence[int], sure: Sequence[Array]
+        self, grouped: Sequence[_CachedStep], states: Sequence[int], sure: Sequence[Array]
     ) -> list[_PhaseRun]:
         """Return the phases on a path of states; sure: (states,) state probabilities at each segment."""
         chain, groups = self._chain, [] if self._open is None else [self._open]
-        for number, (one, state) in enumerate(zip(looked, states, strict=True), start=self._first):
+        for number, (one, state) in enumerate(zip(grouped, states, strict=True), start=self._first):
             aside, segment = bool(chain.aside[state]), one.segment
             if chain.age[state] == 1:
                 kind = chain.parameters.kinds[chain.kind[state]].name

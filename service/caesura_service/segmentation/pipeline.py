@@ -198,7 +198,7 @@ class SegmentationPipeline:
 
     def push_without_program(self, samples: NDArray[np.float64]) -> bool:
         """Push samples as `push` does; a due program is postponed to `make_due_program`."""
-        if (found := self._first_second.look(samples)) is not None:
+        if (found := self._first_second.check(samples)) is not None:
             declare = f"declare the unit of {found.quantity} in the opening's `declared_units` if it is right"
             raise ValueError(f"implausible: {found}; {declare}")
         conditioned = self._conditioner.push(samples)
@@ -472,7 +472,7 @@ class SegmentationPipeline:
     def _phases_with(self, parts: list[SegmentEntry]) -> Sequence[Phase]:
         """Return the phases so far; parts: the segments that have not settled."""
         segments = [part.segment for part in parts]
-        decided, rest = self._phases.look(segments, finished=self._finished)
+        decided, rest = self._phases.update(segments, finished=self._finished)
         self._decided_phases.extend([self._heeded.named(phase) for phase in decided])
         return MessageSequence(self._decided_phases, [self._heeded.named(phase) for phase in rest])
 

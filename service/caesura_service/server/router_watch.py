@@ -36,12 +36,12 @@ class RouterWatch(BackgroundThread):
         self.is_stuck = False
         self._declare, self._pause_s, self._stuck_s = declare, pause_s, stuck_s
         self._ended = 0  # declarations
-        self._seen = 0  # of them, by `look`
+        self._seen = 0  # of them, by `update`
         self._waited_s = 0.0
         self._woken = threading.Event()
         super().__init__("caesura-router-watch", self._woken.set)
 
-    def look(self, since_s: float) -> None:
+    def update(self, since_s: float) -> None:
         """Record whether the router is stuck; log when that begins and when it ends.
 
         since_s: [s] since the last call. It adds these up, so the time in which this process was frozen does

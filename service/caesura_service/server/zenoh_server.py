@@ -182,7 +182,7 @@ class ZenohServer:
         since_s: [s] since the last call.
         """
         if self._router is not None:
-            self._router.look(since_s)
+            self._router.update(since_s)
         if self._link.is_kept_out():
             raise NetworkError(
                 f"{self.endpoint} accepts other sessions and refuses this one: another client has its "

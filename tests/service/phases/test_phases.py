@@ -66,7 +66,7 @@ def grouped(
     chain: Chain = CHAIN,
     places: PlacesBetween | None = None,
 ) -> list[Phase]:
-    decided, rest = PhaseTracker(chain, places or straight(segments)).look(segments, finished=finished)
+    decided, rest = PhaseTracker(chain, places or straight(segments)).update(segments, finished=finished)
     return [*decided, *rest]
 
 
@@ -74,7 +74,7 @@ def look(tracker: PhaseTracker, segments: list[Segment], settled: int) -> tuple[
     """What the tracker says of all segments so far, of which so many have settled."""
     for segment in segments[tracker.settled : settled]:
         tracker.settle(segment)
-    return tracker.look(segments[settled:], finished=False)
+    return tracker.update(segments[settled:], finished=False)
 
 
 def shown(phases: list[Phase]) -> list[tuple[str, int, int, int]]:

@@ -22,7 +22,7 @@ with RouterWatch(lambda: network.declare_subscriber("watch", 1), pause_s=0.05, s
     print(endpoint, flush=True)
     while not watch.is_stuck:
         threading.Event().wait(0.05)
-        watch.look(0.05)
+        watch.update(0.05)
     print("stuck", flush=True)
     threading.Event().wait()
 """
@@ -48,17 +48,17 @@ def test_a_router_is_stuck_from_a_declaration_that_takes_long_until_it_ends(capl
     try:
         with RouterWatch(router.declare, pause_s=0.0, stuck_s=2.0) as watch:
             router.asked.wait()
-            watch.look(1.0)
+            watch.update(1.0)
             assert not watch.is_stuck
-            watch.look(1.0)
+            watch.update(1.0)
             assert watch.is_stuck
-            watch.look(1.0)
+            watch.update(1.0)
             assert caplog.messages == [WHY_STUCK]
 
             router.accepts.set()
 
             def recovered() -> bool:
-                watch.look(0.0)
+                watch.update(0.0)
                 return not watch.is_stuck
 
             eventually(recovered)

@@ -70,6 +70,10 @@ class JournalMalformedError(JournalDamagedError):
     """SQLite reports the file as malformed, which can also be a temporary read error."""
 
 
+class JournalUnreadableError(JournalError):
+    """The disk refuses to read a part of the file, perhaps for a moment."""
+
+
 class JournalEmptyError(JournalError):
     """The file contains no journal yet: its owner is about to create it."""
 

@@ -16,6 +16,7 @@ from caesura_service.journal.journal import (
     JournalForeignError,
     JournalFullError,
     JournalMalformedError,
+    JournalUnreadableError,
 )
 from caesura_service.journal.wal_integrity import files_beside, lock_file_of
 
@@ -34,6 +35,7 @@ REMEDIES: Mapping[str, str] = {
     "SQLITE_CORRUPT": "is damaged, or its disk fails: look after the disk and start the service again",
     "SQLITE_IOERR_SHMSIZE": "cannot be opened, there is no room left: free some, or name another --journal",
     "TOO_MANY_FILES": f"cannot be opened, {RAISE_LIMIT}",
+    "SQLITE_IOERR_READ": "cannot be read, the disk fails: look after it",
     "SQLITE_IOERR": "cannot be read or written, the disk fails or is full: free some room, or look after it",
 }
 KINDS = {
@@ -42,6 +44,7 @@ KINDS = {
     "SQLITE_IOERR_SHMSIZE": JournalFullError,
     "SQLITE_BUSY": JournalBusyError,
     "SQLITE_CORRUPT": JournalMalformedError,
+    "SQLITE_IOERR_READ": JournalUnreadableError,
     "SQLITE_NOTADB": JournalForeignError,
 }
 

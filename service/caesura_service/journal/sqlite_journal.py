@@ -36,7 +36,7 @@ from caesura_service.journal.journal import (
     Copy,
     JournalDamagedError,
     JournalError,
-    JournalMalformedError,
+    JournalUnreadableError,
     Key,
     Outcome,
     Record,
@@ -108,6 +108,7 @@ logger = logging.getLogger(__name__)
 T = TypeVar("T")
 
 MAX_ID = (1 << 63) - 1  # of a row
+UNREADABLE = (JournalDamagedError, JournalUnreadableError)  # errors of one session: others can be read
 PATIENCE = 10  # times that tidying may be put off
 DROPS = 512  # sessions at one look, some milliseconds: more than a station opens and closes in between
 LONG_LOOK_S, LOOKS_SHARE = 0.02, 0.02  # a look that takes longer [s] is followed by a pause: its share
@@ -256,7 +257,7 @@ class SqliteJournal(SqliteWriter):
 
         That is recorded and logged once. Raises JournalError.
         """
-        with suppress(JournalDamagedError):
+        with suppress(*UNREADABLE):
             results = self._read_outcome(key, read)
             if self._unreadable.has(key):
                 self._unreadable.remove(key)
@@ -264,9 +265,9 @@ class SqliteJournal(SqliteWriter):
         with self._unreadable.lock:
             try:
                 return self._read_outcome(key, read)
-            except JournalDamagedError as damage:
-                self._add_unreadable(key, str(damage))
-                if isinstance(damage, JournalMalformedError):  # it may be readable again
+            except UNREADABLE as refusal:
+                self._add_unreadable(key, str(refusal))
+                if type(refusal) is not JournalDamagedError:  # it may be readable again
                     raise
         return None
 
@@ -287,7 +288,7 @@ class SqliteJournal(SqliteWriter):
             with map_sqlite_errors(self.path):
                 closed = database.execute(SELECT_HAS_OUTCOME).fetchall()
             for *key, has_outcome in closed:
-                with suppress(JournalDamagedError):
+                with suppress(*UNREADABLE):
                     self._check_outcome(database, cast(Key, tuple(key)), has_outcome)
                 yield
 
@@ -302,7 +303,7 @@ class SqliteJournal(SqliteWriter):
                 found = database.execute(SELECT_OUTCOME, key).fetchone()
             if found is not None:
                 verified_outcome(key, found)
-        except JournalDamagedError:
+        except UNREADABLE:
             self._read_results(key, verified_outcome)
 
     def outcomes(self, station: str | None = None, session: str | None = None) -> Iterator[StoredOutcome]:

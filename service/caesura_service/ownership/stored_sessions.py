@@ -13,7 +13,7 @@ from contextlib import suppress
 from caesura_protocol.keys import StoredPage
 from caesura_protocol.messages import Program, Snapshot
 from caesura_service.cooperative_scheduler import give_way
-from caesura_service.journal import Journal, JournalDamagedError, Key, Outcome
+from caesura_service.journal import Journal, JournalDamagedError, JournalUnreadableError, Key, Outcome
 from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.program_edits import at_edit, log_of, with_edits
 
@@ -62,7 +62,10 @@ class StoredSessions:
             size += one.size
             if size > max(PAGE_BYTES, one.size):
                 return
-            if (outcome := self._outcome(*one.key)) is not None:
+            outcome = None
+            with suppress(JournalUnreadableError):  # which the journal reports
+                outcome = self._outcome(*one.key)
+            if outcome is not None:
                 yield _edited(outcome.snapshot, wanted.edits)
                 left -= 1
             if not left:

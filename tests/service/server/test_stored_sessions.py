@@ -5,9 +5,9 @@ from __future__ import annotations
 import sqlite3
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import AbstractContextManager, closing, contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -26,7 +26,14 @@ from caesura_protocol.messages import Describe, Description, Snapshot
 from caesura_protocol.transport.memory import MemoryNetwork, MemoryQuestion
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
-from caesura_service.journal import Outcome, SqliteJournal, StoredOutcome
+from caesura_service.journal import (
+    JournalUnreadableError,
+    Outcome,
+    SqliteJournal,
+    StoredOutcome,
+    sqlite_journal,
+)
+from caesura_service.journal.sqlite_statements import SELECT_OUTCOME
 from caesura_service.ownership.stored_sessions import StoredSessions
 from caesura_service.server.answering_thread import Pace
 from caesura_service.server.memory_network import in_memory
@@ -268,6 +275,52 @@ def test_a_damaged_outcome_is_logged_once_however_often_it_is_asked_for(tmp_path
         for _ in range(20):
             assert names([*stored.page(lambda _key: True, StoredPage())]) == ["s02", "s00"]
     assert caplog.text.count("the outcome of cell-1/s01 cannot be read") == 1
+
+
+class FailingDisk:
+    """A connection to a journal on a disk with a bad sector, under the outcome of one session."""
+
+    def __init__(self, file: sqlite3.Connection, session: str) -> None:
+        self._file, self._session = file, session
+
+    def execute(self, statement: str, given: Sequence[str] = ()) -> sqlite3.Cursor:
+        if statement == SELECT_OUTCOME and self._session in given:
+            error = sqlite3.OperationalError("disk I/O error")
+            error.sqlite_errorname = "SQLITE_IOERR_READ"
+            raise error
+        return self._file.execute(statement, given)
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def test_a_bad_sector_under_one_session_leaves_the_others_listed(tmp_path: Path, monkeypatch):
+    """Its page was refused, and the check of all sessions ended there."""
+    write_short_sessions(tmp_path, [("cell-1", name) for name in NAMES[:4]])
+    path = tmp_path / "caesura-1.sqlite"
+    with closing(sqlite3.connect(path)) as file, file:
+        file.execute("UPDATE outcomes SET snapshot = x'00' WHERE session_id = 4")
+    opened = sqlite_journal.open_for_reading
+    monkeypatch.setattr(
+        sqlite_journal,
+        "open_for_reading",
+        contextmanager(lambda *given: _with_bad_sector(opened(*given))),
+    )
+    with SqliteJournal(path) as journal:
+        journal._reader = FailingDisk(journal._reader, "s01")
+        stored = StoredSessions(journal, lambda: INDEX, lambda _station: True)
+        assert names([*stored.page(lambda _key: True, StoredPage())]) == ["s02", "s00"]
+        eventually(lambda: len(journal._unreadable._found) == 2)
+        report = journal._unreadable.report((), {("cell-1", name) for name in NAMES[:4]})
+        assert [one.session for one in report.listed] == ["s03", "s01"]
+        assert "cannot be read, the disk fails: look after it" in report.listed[1].why
+        with pytest.raises(JournalUnreadableError):
+            stored.program("cell-1", "s01")
+
+
+def _with_bad_sector(opening: AbstractContextManager[sqlite3.Connection]) -> Iterator[FailingDisk]:
+    with opening as file:
+        yield FailingDisk(file, "s01")
 
 
 @pytest.fixture

@@ -253,10 +253,11 @@ def _inserted(group: AppGroup) -> tuple[list[ProgramSegment], list[ProgramSegmen
     """Return the steps that push something in before the fingers first move, and the others.
 
     A peg is pushed into its hole, for example. The last step belongs to the fingers, unless it pushes in. A
-    step in which the fingers move is divided there.
+    step in which the fingers move is divided there. Fingers that move later do not belong to the contact.
     """
     steps = group.steps
-    first = min((grip.t for grip in group.grips if grip.t >= steps[0].segment.t0), default=-math.inf)
+    t0, tn = steps[0].segment.t0, steps[-1].segment.tn
+    first = min((grip.t for grip in group.grips if t0 <= grip.t and grip.is_near(t0, tn)), default=-math.inf)
     before = list(takewhile(lambda step: step.segment.tn <= first, steps))
     whole = before[: len(steps) - 1]
     if sum(step.pushed_in for step in whole) > INSERTED_M:

@@ -11,7 +11,7 @@ import pytest
 from caesura_protocol.messages import App, AppReference, ChangeApp, ProgramEdit, Segment
 from caesura_service.program import GripperAction, Moment, ProgramSegment, task_program
 from caesura_service.program_edits.program_with_edits import apply
-from service.program.segments import kinds, moment_at, program, segment, stopping_at
+from service.program.segments import drifted, held, kinds, moment_at, program, segment, stopping_at
 
 
 def test_pick_and_place_becomes_the_apps_that_the_thesis_executed():
@@ -347,6 +347,21 @@ def test_what_is_set_down_and_let_go_is_not_pushed_in() -> None:
     made = plugged(0.008, 5.3)
     assert kinds(made) == ["transport", "gripper_move"]
     assert made[1].force_taught == pytest.approx((0.0, 0.0, -20.0))
+
+
+def test_a_grasp_that_comes_later_does_not_divide_a_press() -> None:
+    """A button went in by 14 mm: with a grasp half a minute later, its press was two."""
+    here, there = (0.0, 0.0, 0.2), (0.0, 0.0, 0.186)
+    made = program(
+        segment("motion", 2.0, 4.0, position_start=(0.0, 0.0, 0.4), position_end=here),
+        segment("sliding", 4.0, 5.0, position_start=here, position_end=there, **held(10.0)),
+        segment("contact", 5.0, 7.0, position_start=there, position_end=there, **held(10.0)),
+        segment("motion", 7.0, 8.0, position_start=there, position_end=(0.0, 0.0, 0.4)),
+        grips=(GripperAction(40.0, "grasp", 0.02),),
+        at=drifted,
+    )
+    assert kinds(made)[:2] == ["move_to_contact", "apply_force"]
+    assert [(app.t0, app.tn) for app in made if app.kind == "apply_force"] == [(4.0, 7.0)]
 
 
 def test_what_holds_a_peg_in_its_hole_is_no_part_of_the_press_that_pushed_it_in() -> None:

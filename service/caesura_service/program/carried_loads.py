@@ -40,6 +40,7 @@ NOWHERE = {  # how far [m] and by how much [rad] a step leads at least, by kind;
     "motion": (TOLERANCE_M, TOLERANCE_RAD),
 }
 STANDS_S = 1.0  # a load that rests for longer where it was gripped is held there on purpose
+KEPT_SHARE = 0.5  # of a weight: what hangs on the robot is then nearer to all of it than to nothing
 
 
 def divided_at_grips(

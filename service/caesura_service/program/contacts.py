@@ -5,6 +5,7 @@
   drifts by newtons within a recording, so a press is the difference from that drift.
 - A held object keeps its weight: if the force changes and stays changed, the object touches something. So
   does a movement before a contact that is pushed back all the way.
+- An object that hangs on the fingers as they open falls: its weight is gone, and nothing is touched.
 """
 
 from __future__ import annotations
@@ -17,15 +18,17 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Vector
-from caesura_service.program.carried_loads import hangs
+from caesura_service.program.carried_loads import HANGING_N, KEPT_SHARE, hangs
 from caesura_service.program.joined_strokes import OUT_M, OUT_SHARE
 from caesura_service.program.program_segment import (
     ARRIVES_M,
     PUSHES_BACK_N,
+    TOUCHED_S,
     UNLIKE_N,
     Context,
     MomentAt,
     ProgramSegment,
+    carried_weight,
     direction,
     holds,
     length,
@@ -40,15 +43,16 @@ def as_touching(before: ProgramSegment | None, step: ProgramSegment, context: Co
     """Return a step in contact with the force before it as its base.
 
     A step that adds less than `PUSHES_BACK_N` is no contact, unless it rests after one. It continues the
-    contact state before it. After a contact, it is a carry if the fingers hold something, or else a movement
-    in the air.
+    contact state before it. After a contact, and after an object has fallen, it is a carry if the fingers
+    hold something, or else a movement in the air.
     """
     if before is None or not step.touches:
         return step
-    step = replace(step, base=base_after(before, context))
+    fallen = _fallen_weight(before, step, context)
+    step = replace(step, base=_without(fallen, base_after(before, context)))
     if length(step.force) >= PUSHES_BACK_N or (before.touches and step.segment.motion == "steady"):
         return step
-    if before.touches:
+    if before.touches or fallen.any():
         return step.read_as("transport" if holds(step, context.grips) else "free")
     return step.read_as(before.segment.contact)
 
@@ -61,7 +65,7 @@ def still_touching(
     A step in which the held load becomes heavier has lifted it off its support: it is unchanged. last: the
     last step kept.
     """
-    base = base_after(last, context)
+    base = _without(_fallen_weight(last, step, context), base_after(last, context))
     normal, forces = direction(replace(contact, base=base).force), _felt(step, context)
     if holds(step, context.grips) and _is_lifted(step, _changed(forces, base, context), context):
         return step
@@ -93,6 +97,26 @@ def set_down(
         return touching
     normal = direction(replace(ahead, base=base).force)
     return _touching(normal, PUSHES_BACK_N, base, step, forces, context)
+
+
+def _fallen_weight(last: ProgramSegment, step: ProgramSegment, context: Context) -> NDArray[np.float64]:
+    """Return the weight (3,) [N] of what falls out of the fingers from a carry to a step; 0 if nothing does.
+
+    An object that is set down has lost most of its weight to its support before the fingers open.
+    """
+    weight = carried_weight(last.segment, context)
+    opened = [grip.t for grip in context.grips if last.segment.t0 < grip.t < step.segment.tn]
+    if length(weight) < HANGING_N or not opened or holds(step, context.grips) is not False:
+        return np.zeros(3)
+    hung = context.forces([opened[0] - TOUCHED_S]) - _without(weight, base_after(last, context))
+    falls = len(hung) and float(hung[0] @ weight) > KEPT_SHARE * float(weight @ weight)
+    return weight if falls else np.zeros(3)
+
+
+def _without(weight: NDArray[np.float64], base: Vector) -> Vector:
+    """Return a force [N] without a weight (3,) [N]."""
+    x, y, z = (np.asarray(base) - weight).tolist()
+    return x, y, z
 
 
 def _changed(forces: NDArray[np.float64], base: Vector, context: Context) -> NDArray[np.float64]:

@@ -20,7 +20,7 @@ from caesura_protocol.programs.held_grasps import SAME_WIDTH_M
 from caesura_protocol.programs.program_gripper import SURE_SDS
 from caesura_protocol.rotations import angle_between
 from caesura_service.constants import GRAVITY
-from caesura_service.program.carried_loads import HANGING_N, hangs
+from caesura_service.program.carried_loads import HANGING_N, KEPT_SHARE, hangs
 from caesura_service.program.joined_strokes import LEAST_TURN_RAD, OUT_M
 from caesura_service.program.program_segment import (
     Context,
@@ -29,8 +29,6 @@ from caesura_service.program.program_segment import (
     length,
     observed,
 )
-
-KEPT_SHARE = 0.5  # of its weight: what hangs on the robot is then nearer to all of it than to nothing
 
 
 def with_regrips(steps: Sequence[ProgramSegment], context: Context) -> Sequence[GripperAction]:

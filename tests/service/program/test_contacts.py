@@ -14,6 +14,7 @@ from service.program.segments import (
     ACROSS,
     DRIFT_N,
     GRASP,
+    RELEASE,
     drifted,
     forces_of,
     held,
@@ -401,3 +402,38 @@ def test_a_rest_before_a_stroke_is_pressed_where_its_force_adds_to_the_one_befor
     )
     rest = apps[-1].rest_before
     assert (None if rest is None else rest.newton_taught) == pytest.approx(rest_n)
+
+
+@pytest.mark.parametrize("fall_s", [0.1, 0.4])
+@pytest.mark.parametrize("opened_at", [3.0, 2.95])
+def test_an_object_that_falls_out_of_the_fingers_touches_nothing(opened_at: float, fall_s: float) -> None:
+    """Fingers let go of 1 kg in the air: the robot pressed down with 9.6 N on its way from there."""
+    load, still = {"load_kg": 1.0, "load_sd_kg": 0.02}, {"position_end": (0.0, 0.0, 0.3)}
+    gone = 3.0 + fall_s
+    made = program(
+        segment("transport", 1.0, 2.0, **load),
+        segment("hold", 2.0, 3.0, **load, position_start=(0.0, 0.0, 0.3), **still),
+        segment("contact", 3.0, gone, force_held=(0.0, 0.0, -2.0), **still),
+        segment("steady", gone, 4.0, position_start=(0.0, 0.0, 0.3), **still),
+        segment("motion", 4.0, 5.0, position_start=(0.0, 0.0, 0.3), position_end=(0.2, 0.0, 0.3)),
+        grips=(GRASP, replace(RELEASE, t=opened_at)),
+        at=lambda t: replace(stopping_at(t), force=(0.0, 0.0, -9.8 if t < 3.0 else 0.0)),
+    )
+    assert kinds(made) == ["grasp", "transport", "hold", "gripper_move", "cartesian_motion"]
+    assert all(app.force_taught is None for app in made)
+
+
+def test_an_object_that_its_support_carries_as_the_fingers_open_was_set_down() -> None:
+    load, place = {"load_kg": 1.0, "load_sd_kg": 0.02}, (0.0, 0.0, 0.3)
+    made = program(
+        segment("transport", 1.0, 3.0, **load),
+        segment("contact", 3.0, 3.4, force_held=(0.0, 0.0, 0.0), position_start=place, position_end=place),
+        segment("steady", 3.4, 4.4, position_start=place, position_end=place),
+        grips=(GRASP, replace(RELEASE, t=3.6)),
+        at=lambda t: replace(stopping_at(t), force=(0.0, 0.0, -9.8 if t < 3.0 else 0.0)),
+    )
+    assert [(app.kind, app.t0, app.tn) for app in made[1:]] == [
+        ("transport", 1.0, 3.0),
+        ("gripper_move", 3.0, 4.4),
+    ]
+    assert made[-1].force_taught == pytest.approx((0.0, 0.0, -9.8), abs=0.1)

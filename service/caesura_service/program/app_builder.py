@@ -47,6 +47,7 @@ from caesura_service.program.joined_strokes import (
 from caesura_service.program.paths import Paths
 from caesura_service.program.program_segment import (
     OBSERVED_S,
+    GRIP_SLACK_S,
     PUSHES_BACK_N,
     GripperAction,
     MomentAt,
@@ -108,7 +109,17 @@ def task_program(
             before = groups[number - 1][-1] if number else None
             after = groups[number + 1 : number + 3]
             apps += build(AppGroup(group, before, after, rest, moment_at, force_limit_n, paths))
-    apps += [_grip_app(grip, grip.t, grip.t, moment_at, paths, 1.0, ()) for grip in rest]
+    times = [_acts_at(grip.t, apps) for grip in rest]
+    apps += [_grip_app(grip, t, t, moment_at, paths, 1.0, ()) for grip, t in zip(rest, times, strict=True)]
+def _acts_at(t: float, apps: Iterable[App]) -> float:
+    """Return the time [s] of fingers that act at `t`: in the first `GRIP_SLACK_S` of an app, its start.
+
+    A robot would make the whole movement first, and let go of an object at its end.
+    """
+    begun = (app.t0 for app in apps if app.t0 < t < min(app.t0 + GRIP_SLACK_S, app.tn))
+    return next(begun, t)
+
+
     apps = [_as_observed(app, gaps) for app in sorted(apps, key=_when)]
     return tuple(apps) if paths is None else with_end_velocities(apps, paths, app_before)
 

@@ -287,6 +287,23 @@ def test_the_fingers_act_on_a_way_where_they_were_taught_to(
     assert [app.target for app in made] == [moment_at(t).position for t in (1.0, 1.0, 3.0)]
 
 
+@pytest.mark.parametrize(("opened", "acts"), [(4.1, 4.0), (4.29, 4.0), (4.35, 4.35)])
+def test_fingers_that_open_as_a_movement_begins_act_before_it(opened: float, acts: float) -> None:
+    """An object was set down and let go at once: the robot moved off with it, and let go at the end."""
+    load = {"load_kg": 0.8, "load_sd_kg": 0.02}
+    weight, there = (0.0, 0.0, -8.0), (0.0, 0.0, 0.3)
+    apps = program(
+        segment("transport", 1.0, 3.0, **load),
+        segment("contact", 3.0, 4.0, force_held=weight, position_start=there, position_end=there),
+        segment("motion", 4.0, 6.0, position_start=there),
+        grips=(GRASP, replace(RELEASE, t=opened)),
+        at=lambda t: replace(moment_at(t), force=weight if t < 4.0 else (0.0, 0.0, 0.0)),
+    )
+    (release,) = [app for app in apps if app.kind == "gripper_move"]
+    assert (release.t0, release.tn) == (acts, acts)
+    assert apps[apps.index(release) + 1].kind == "cartesian_motion"
+
+
 def test_fingers_that_act_at_a_contact_divide_no_movement() -> None:
     made = program(
         segment("motion", 0.0, 2.0),

@@ -30,6 +30,7 @@ from caesura_protocol.messages import App, Gap, RestForce, Vector
 from caesura_protocol.programs.checks.fidelity import SWAYED_M
 from caesura_protocol.up_direction import UP
 from caesura_service.program.app_group import AppEnd, AppGroup, group_key, pose_fields
+from caesura_service.program.carried_loads import WEIGHED_S, has_other_load
 from caesura_service.program.end_velocities import with_end_velocities
 from caesura_service.program.gaps import observed_share
 from caesura_service.program.held_forces import (
@@ -46,8 +47,8 @@ from caesura_service.program.joined_strokes import (
 )
 from caesura_service.program.paths import Paths
 from caesura_service.program.program_segment import (
-    OBSERVED_S,
     GRIP_SLACK_S,
+    OBSERVED_S,
     PUSHES_BACK_N,
     GripperAction,
     MomentAt,
@@ -62,11 +63,6 @@ from caesura_service.program.segment_interpretation import kept_steps
 from caesura_service.program.stroke_forces import rest_force_n, stroke_aslant, stroke_force
 
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
-WEIGHED_S = 1.0  # in which a load is weighed well: a shorter step may end with a touch
-CHANGED_KG, CHANGED_SDS = (
-    0.25,
-    4.0,
-)  # from which on a load is another one; two steps of a carry differ by less
 AT_REST: Mapping[str, float] = MappingProxyType(  # a hand that grips at rest sways by less
     {"moved_m_per_s": 0.03, "turned_rad_per_s": math.radians(10.0)}
 )
@@ -111,6 +107,10 @@ def task_program(
             apps += build(AppGroup(group, before, after, rest, moment_at, force_limit_n, paths))
     times = [_acts_at(grip.t, apps) for grip in rest]
     apps += [_grip_app(grip, t, t, moment_at, paths, 1.0, ()) for grip, t in zip(rest, times, strict=True)]
+    apps = [_as_observed(app, gaps) for app in sorted(apps, key=_when)]
+    return tuple(apps) if paths is None else with_end_velocities(apps, paths, app_before)
+
+
 def _acts_at(t: float, apps: Iterable[App]) -> float:
     """Return the time [s] of fingers that act at `t`: in the first `GRIP_SLACK_S` of an app, its start.
 
@@ -118,10 +118,6 @@ def _acts_at(t: float, apps: Iterable[App]) -> float:
     """
     begun = (app.t0 for app in apps if app.t0 < t < min(app.t0 + GRIP_SLACK_S, app.tn))
     return next(begun, t)
-
-
-    apps = [_as_observed(app, gaps) for app in sorted(apps, key=_when)]
-    return tuple(apps) if paths is None else with_end_velocities(apps, paths, app_before)
 
 
 def _when(app: App) -> tuple[float, float]:
@@ -370,12 +366,8 @@ def _with_one_load(steps: Sequence[ProgramSegment]) -> list[list[ProgramSegment]
     """
     runs: list[list[ProgramSegment]] = [[]]
     for step in steps:
-        weighed = [one for one in _weighed(runs[-1]) if one.lasts(WEIGHED_S)]
-        kg, sd_kg = step.segment.load_kg, step.segment.load_sd_kg or 0.0
-        if weighed and kg is not None and step.lasts(WEIGHED_S):
-            off_kg = abs(kg - average(weighed, "load_kg"))
-            if off_kg > max(CHANGED_KG, CHANGED_SDS * math.hypot(sd_kg, average(weighed, "load_sd_kg"))):
-                runs.append([])
+        if has_other_load(step, runs[-1]):
+            runs.append([])
         runs[-1].append(step)
     return runs
 

@@ -3,6 +3,7 @@
 - A released object is not carried, nor is anything in closed fingers, nor a weight that appears in the air.
   An object in the fingers is carried, and so is a load that only hangs on the robot.
 - An object that still stands where it was gripped is not held yet.
+- A load that has the weight with which it is moved up or down next is not supported, however heavy it was.
 - A carry, or a movement in the air, with a negligible displacement is a rest.
 """
 
@@ -22,10 +23,15 @@ from caesura_protocol.rotations import angle_between
 from caesura_service.constants import GRAVITY
 from caesura_service.program.joined_strokes import LEAST_TURN_RAD, NOWHERE_M, OUT_M
 from caesura_service.program.program_segment import (
+    ARRIVES_M,
     KINDS,
+    PUSHES_BACK_N,
+    ROUNDED_S,
     Context,
     GripperAction,
     ProgramSegment,
+    average,
+    carried_weight,
     holds,
     joined_where,
     length,
@@ -34,13 +40,18 @@ from caesura_service.program.program_segment import (
 )
 
 HANGING_N, HANGING_ASIDE, HANGING_SD_N = 1.5, 0.6, 1.0  # a load's weight, what is aside of it, its error
+KEPT_SHARE = 0.5  # of a weight: what hangs on the robot is then nearer to all of it than to nothing
 NOWHERE = {  # how far [m] and by how much [rad] a step leads at least, by kind; of a turn, a check names more
     "transport": (NOWHERE_M, LEAST_TURN_RAD),
     "turning": (OUT_M, math.radians(3.0)),
     "motion": (TOLERANCE_M, TOLERANCE_RAD),
 }
+WEIGHED_S = 1.0  # in which a load is weighed well: a shorter step may end with a touch
+CHANGED_KG, CHANGED_SDS = (
+    0.25,
+    4.0,
+)  # from which on a load is another one; two steps of a carry differ by less
 STANDS_S = 1.0  # a load that rests for longer where it was gripped is held there on purpose
-KEPT_SHARE = 0.5  # of a weight: what hangs on the robot is then nearer to all of it than to nothing
 
 
 def divided_at_grips(
@@ -138,6 +149,24 @@ def _weight_n(force: Vector, up: Vector) -> float:
     return against
 
 
+def hangs_freely(step: ProgramSegment, later: Sequence[ProgramSegment], context: Context) -> bool:
+    """Whether the load of a step has the weight with which it is moved up or down next.
+
+    A support would end with that movement. False where the fingers act, or something is touched, before it.
+    later: the steps after it.
+    """
+    if step.segment.contact != "transport" or not holds(step, context.grips):
+        return False
+    for one in later:
+        acts = any(step.segment.t0 <= grip.t < one.segment.tn for grip in context.grips)
+        if acts or one.segment.contact != "transport":
+            return False
+        if abs(float(one.moved @ np.array(context.up))) >= ARRIVES_M:
+            lighter = carried_weight(step.segment, context) - carried_weight(one.segment, context)
+            return length(lighter) < PUSHES_BACK_N
+    return False
+
+
 def resting(step: ProgramSegment, context: Context) -> ProgramSegment:
     """Return a movement in the air, or a carry in the fingers, as a rest if its displacement is negligible.
 
@@ -179,9 +208,30 @@ def is_not_yet_held(last: ProgramSegment | None, step: ProgramSegment, context: 
     return length(np.subtract(step.segment.position_end, place)) < OUT_M
 
 
-def as_one_hold(kept: Sequence[ProgramSegment], _context: Context) -> list[ProgramSegment]:
-    """Return the steps; holds that follow each other at once are joined."""
-    return joined_where(kept, lambda one, two: _is_hold(one) and _is_hold(two))
+def as_one_hold(kept: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
+    """Return the steps; holds that follow each other at once are joined.
+
+    They stay apart if the fingers act between them, or if the second has another load.
+    """
+
+    def are_one(one: ProgramSegment, two: ProgramSegment) -> bool:
+        acts = any(abs(grip.t - two.segment.t0) < ROUNDED_S for grip in context.grips)
+        return _is_hold(one) and _is_hold(two) and not acts and not has_other_load(two, [one])
+
+    return joined_where(kept, are_one)
+
+
+def has_other_load(step: ProgramSegment, before: Sequence[ProgramSegment]) -> bool:
+    """Return whether the load of a step is another one than the average of steps before it.
+
+    A step that is too short to be weighed well does not count.
+    """
+    weighed = [one for one in before if one.segment.load_kg is not None and one.lasts(WEIGHED_S)]
+    kg, sd_kg = step.segment.load_kg, step.segment.load_sd_kg or 0.0
+    if not weighed or kg is None or not step.lasts(WEIGHED_S):
+        return False
+    least_kg = max(CHANGED_KG, CHANGED_SDS * math.hypot(sd_kg, average(weighed, "load_sd_kg")))
+    return abs(kg - average(weighed, "load_kg")) > least_kg
 
 
 def _is_hold(step: ProgramSegment) -> bool:

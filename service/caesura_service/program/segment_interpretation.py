@@ -22,6 +22,7 @@ from caesura_service.program.carried_loads import (
     as_one_hold,
     divided_at_grips,
     hanging,
+    hangs_freely,
     in_hand,
     is_from_air,
     is_not_yet_held,
@@ -63,6 +64,7 @@ class _Place(NamedTuple):
     before: ProgramSegment | None  # the last one that lasts for the minimum time
     earlier: ProgramSegment | None  # the last but one that does
     touched: int  # index of the last one in contact, however short; -1 where there is none
+    later: Sequence[ProgramSegment]  # the ones after it
 
 
 def kept_steps(
@@ -108,8 +110,8 @@ def _places(steps: Sequence[ProgramSegment], least_s: float) -> Iterator[_Place]
     """Yield every step with its neighbours."""
     before, earlier, touched = None, None, -1
     around = zip(steps, [*steps[1:], None], [None, *steps], [None, None, *steps], strict=False)
-    for step, ahead, beside, behind in around:
-        yield _Place(step, ahead, beside, behind, before, earlier, touched)
+    for place, (step, ahead, beside, behind) in enumerate(around, start=1):
+        yield _Place(step, ahead, beside, behind, before, earlier, touched, steps[place:])
         touched = step.index if step.touches else touched
         if step.lasts(least_s):
             before, earlier = step, before
@@ -130,7 +132,7 @@ def _read(
     step = hitting(leaving(last, step, context), place.ahead, context)
     step = resting(step, context)
     contact = _contact_before(place, last, context)
-    if last is not None and not step.touches:
+    if last is not None and not step.touches and not hangs_freely(step, place.later, context):
         if contact is not None:
             step = still_touching(contact, last, step, context)
         else:

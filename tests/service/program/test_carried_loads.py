@@ -287,6 +287,22 @@ def test_the_fingers_act_on_a_way_where_they_were_taught_to(
     assert [app.target for app in made] == [moment_at(t).position for t in (1.0, 1.0, 3.0)]
 
 
+def test_a_grip_that_tightens_divides_the_hold() -> None:
+    """A robot tightened its grip after the whole hold, and then held for the rest of it again."""
+    still = {"position_start": (0.0, 0.0, 0.2), "position_end": (0.0, 0.0, 0.2)}
+    made = program(
+        segment("transport", 0.6, 2.0, load_kg=0.5, load_sd_kg=0.02),
+        segment("hold", 2.0, 5.0, load_kg=0.5, load_sd_kg=0.02, **still),
+        grips=(GRASP, GripperAction(3.0, "grasp", 0.04)),
+        at=stopping_at,
+    )
+    assert [(app.kind, app.t0, app.tn) for app in made[2:]] == [
+        ("hold", 2.0, 3.0),
+        ("grasp", 3.0, 3.0),
+        ("hold", 3.0, 5.0),
+    ]
+
+
 @pytest.mark.parametrize(("opened", "acts"), [(4.1, 4.0), (4.29, 4.0), (4.35, 4.35)])
 def test_fingers_that_open_as_a_movement_begins_act_before_it(opened: float, acts: float) -> None:
     """An object was set down and let go at once: the robot moved off with it, and let go at the end."""
@@ -329,6 +345,53 @@ def test_a_load_that_changes_on_the_way_is_that_of_its_part(
         at=stopping_at,
     )
     assert [app.load_kg for app in made if app.kind == "transport"] == pytest.approx(loads, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("lifted_kg", "becomes"),
+    [(0.35, ["hold", "hold", "transport"]), (1.0, ["transport", "apply_force", "transport"])],
+)
+def test_a_load_that_stays_lighter_as_it_is_moved_off_was_not_set_down(
+    lifted_kg: float, becomes: list[str]
+) -> None:
+    """A cup of 1 kg was emptied: the robot pushed up with 6.4 N, and then carried 0.87 kg."""
+    still = {"position_start": (0.0, 0.0, 0.3), "position_end": (0.0, 0.0, 0.3)}
+    hung = (0.0, 0.0, -9.8)
+
+    def at(t: float) -> Moment:
+        kg = 1.0 if t < 4.0 else 0.35 if t < 6.0 else lifted_kg
+        return replace(stopping_at(t), force=(0.0, 0.0, -9.81 * kg))
+
+    made = program(
+        segment("transport", 0.6, 2.0, load_kg=1.0, load_sd_kg=0.02),
+        segment("contact", 2.0, 4.0, force_held=hung, **still),
+        segment("hold", 4.0, 6.0, load_kg=0.35, load_sd_kg=0.02, **still),
+        segment("transport", 6.0, 8.0, load_kg=lifted_kg, load_sd_kg=0.02, position_end=(0.0, 0.0, 0.4)),
+        grips=(GRASP,),
+        at=at,
+    )
+    assert kinds(made[2:]) == becomes
+    if becomes[1] == "hold":
+        assert [app.load_kg for app in made[1:]] == pytest.approx([1.0, 1.0, 0.35, 0.35], abs=0.01)
+
+
+def test_holds_of_two_loads_are_two() -> None:
+    """A cup that was emptied in the air weighed 0.62 kg before and after, the average of full and empty."""
+    still = {"position_start": (0.0, 0.0, 0.3), "position_end": (0.0, 0.0, 0.3)}
+    made = program(
+        segment("transport", 0.6, 1.2, load_kg=1.0, load_sd_kg=0.02, position_end=(0.0, 0.0, 0.3)),
+        segment("hold", 1.2, 3.2, load_kg=1.0, load_sd_kg=0.02, **still),
+        segment("hold", 3.2, 5.2, load_kg=0.3, load_sd_kg=0.02, **still),
+        segment("transport", 5.2, 5.8, load_kg=0.3, load_sd_kg=0.02),
+        grips=(GRASP,),
+        at=stopping_at,
+    )
+    assert [(app.kind, app.load_kg) for app in made if app.load_kg is not None] == [
+        ("transport", pytest.approx(1.0)),
+        ("hold", pytest.approx(1.0)),
+        ("hold", pytest.approx(0.3)),
+        ("transport", pytest.approx(0.3)),
+    ]
 
 
 def test_a_fast_lift_that_the_filter_finds_as_a_rest_in_contact_is_a_transport() -> None:

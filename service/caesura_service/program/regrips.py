@@ -5,6 +5,7 @@ grasped, and fingers that open have let go. The flange and the weight show three
 
 1. Fingers that close again where they closed first have closed in stages: the last stage grasps.
 2. A closing after which nothing has a weight until the next one, and something has one then, is a stage, too.
+   A lift that was found as a contact has one: only a load pulls straight down.
 3. Fingers that open no wider than where they grasped keep the object if its weight still hangs on the robot.
 """
 
@@ -66,7 +67,10 @@ def _is_stage(
     if _stands(grip.t, again_t, context):
         return True
     after = _weights(steps, again_t, later_t[0] if later_t else np.inf)
-    return not any(_weights(steps, grip.t, again_t)) and any(after)
+    lifts = any(
+        step.touches and hangs(step.segment.force, context.up) for step in _between(steps, grip.t, again_t)
+    )
+    return not lifts and not any(_weights(steps, grip.t, again_t)) and any(after)
 
 
 def _stands(t0: float, tn: float, context: Context) -> bool:

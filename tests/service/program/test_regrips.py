@@ -57,6 +57,17 @@ def test_a_closing_before_anything_weighs_grasps_nothing(
     assert read(*CLOSES_TWICE, steps=steps) == [first, "grasp", "release"]
 
 
+@pytest.mark.parametrize(("down_n", "first"), [(-3.0, "grasp"), (3.0, "close")])
+def test_a_lift_that_was_found_as_a_contact_has_a_weight(down_n: float, first: str) -> None:
+    """A part was lifted, and its grip tightened in the air: the robot pulled with 8 N on nothing."""
+    steps = (
+        segment("contact", 1.2, 1.5, force_held=(0.0, 0.0, down_n)),
+        segment("sliding", 1.5, 2.0, force_held=(0.0, 0.0, down_n)),
+        segment("hold", 2.0, 5.0, **HELD),
+    )
+    assert read(*CLOSES_TWICE, steps=steps) == [first, "grasp", "release"]
+
+
 def eased(to_m: float, *, hangs_n: float, load: dict[str, float]) -> list[str]:
     """A load is carried, squeezed, eased at 4 s, and what is left of its weight is moved on."""
 

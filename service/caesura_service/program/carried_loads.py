@@ -3,7 +3,7 @@
 - A released object is not carried, nor is anything in closed fingers, nor a weight that appears in the air.
   An object in the fingers is carried, and so is a load that only hangs on the robot.
 - An object that still stands where it was gripped is not held yet.
-- A load that has the weight with which it is moved up or down next is not supported, however heavy it was.
+- What has the force with which it is moved up or down next is not supported, whatever the force was before.
 - A carry, or a movement in the air, with a negligible displacement is a rest.
 """
 
@@ -31,7 +31,6 @@ from caesura_service.program.program_segment import (
     GripperAction,
     ProgramSegment,
     average,
-    carried_weight,
     holds,
     joined_where,
     length,
@@ -111,20 +110,21 @@ def is_from_air(kept: Sequence[ProgramSegment], touched: int) -> bool:
     return last is not None and last.segment.contact == "free" and touched < last.index
 
 
-def hanging(step: ProgramSegment, context: Context) -> ProgramSegment:
+def hanging(step: ProgramSegment, later: Sequence[ProgramSegment], context: Context) -> ProgramSegment:
     """Return a step in contact as a carry with its load, where its force hangs on the robot.
 
-    A rest is one only with something in hand. A surface pushes back; only a load pulls straight down. A rest
-    in contact may be a fast lift: if it leads somewhere, it is a movement.
+    A rest is one only with something in hand, or where no gripper is known if it is lifted next. A surface
+    pushes back; only a load pulls straight down. A rest in contact may be a fast lift: it is a movement if it
+    leads somewhere. later: the steps after it.
     """
     if not step.touches or not hangs(step.segment.force, context.up):
         return step
-    rests = step.segment.kind == "contact"
-    if rests and not holds(step, context.grips):
-        return step
+    rests, held = step.segment.kind == "contact", holds(step, context.grips)
     lifts = rests and length(step.moved) >= NOWHERE_M
     moving = {"kind": "transport", "motion": "motion"} if lifts else {}
-    return as_carry_of(step.segment.force, step, context, **moving)
+    carry = as_carry_of(step.segment.force, step, context, **moving)
+    is_carry = not rests or (moves_freely(carry, later, context) if held is None else held)
+    return carry if is_carry else step
 
 
 def as_carry_of(force: Vector, step: ProgramSegment, context: Context, **fields: object) -> ProgramSegment:
@@ -149,21 +149,26 @@ def _weight_n(force: Vector, up: Vector) -> float:
     return against
 
 
-def hangs_freely(step: ProgramSegment, later: Sequence[ProgramSegment], context: Context) -> bool:
-    """Whether the load of a step has the weight with which it is moved up or down next.
+def moves_freely(step: ProgramSegment, later: Sequence[ProgramSegment], context: Context) -> bool:
+    """Whether a step in the air has the force with which the flange is moved up or down next.
 
-    A support would end with that movement. False where the fingers act, or something is touched, before it.
-    later: the steps after it.
+    A support would end with that movement. In free space that force is none: a tool may slide down a slope
+    under a constant one. False where the fingers act, or the contact state changes, before it, and for empty
+    fingers: what they have set down rests on its surface. later: the steps after it.
     """
-    if step.segment.contact != "transport" or not holds(step, context.grips):
+    state, held = step.segment.contact, holds(step, context.grips)
+    pressed = state == "free" and (held or length(step.segment.force) >= PUSHES_BACK_N)
+    if step.touches or held is False or pressed:
         return False
     for one in later:
         acts = any(step.segment.t0 <= grip.t < one.segment.tn for grip in context.grips)
-        if acts or one.segment.contact != "transport":
+        read = one if state == "free" else hanging(one, (), context)
+        if acts or read.segment.contact != state:
             return False
-        if abs(float(one.moved @ np.array(context.up))) >= ARRIVES_M:
-            lighter = carried_weight(step.segment, context) - carried_weight(one.segment, context)
-            return length(lighter) < PUSHES_BACK_N
+        if read is one and abs(float(one.moved @ np.array(context.up))) >= ARRIVES_M:
+            here, there = (context.forces(observed(two.segment.t0, two.segment.tn)) for two in (step, one))
+            apart = context.median(here) - context.median(there) if len(here) and len(there) else np.zeros(3)
+            return length(apart) < PUSHES_BACK_N
     return False
 
 

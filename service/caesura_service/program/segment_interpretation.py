@@ -22,10 +22,10 @@ from caesura_service.program.carried_loads import (
     as_one_hold,
     divided_at_grips,
     hanging,
-    hangs_freely,
     in_hand,
     is_from_air,
     is_not_yet_held,
+    moves_freely,
     resting,
 )
 from caesura_service.program.contacts import as_touching, set_down, still_touching
@@ -127,12 +127,12 @@ def _read(
     pull = pulled(last, step, context)
     if pull is not None:
         return [pull]
-    step = hanging(step, context)
+    step = hanging(step, place.later, context)
     step = as_touching(last, step, context)
     step = hitting(leaving(last, step, context), place.ahead, context)
     step = resting(step, context)
     contact = _contact_before(place, last, context)
-    if last is not None and not step.touches and not hangs_freely(step, place.later, context):
+    if last is not None and not step.touches and not moves_freely(step, place.later, context):
         if contact is not None:
             step = still_touching(contact, last, step, context)
         else:

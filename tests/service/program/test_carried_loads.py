@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from caesura_service.program import GripperAction, Moment
@@ -373,6 +374,58 @@ def test_a_load_that_stays_lighter_as_it_is_moved_off_was_not_set_down(
     assert kinds(made[2:]) == becomes
     if becomes[1] == "hold":
         assert [app.load_kg for app in made[1:]] == pytest.approx([1.0, 1.0, 0.35, 0.35], abs=0.01)
+
+
+def test_where_no_gripper_is_known_a_load_is_no_press() -> None:
+    """A part of 0.8 kg was lifted and set down: the robot pulled with 8 N, and pressed with 8 N then."""
+    low, high = (0.0, 0.0, 0.2), (0.0, 0.0, 0.4)
+    load, hung = {"load_kg": 0.8, "load_sd_kg": 0.02}, {"force_held": (0.0, 0.0, -7.8)}
+
+    def at(t: float) -> Moment:
+        z = float(np.interp(t, [1.5, 2.5, 3.5, 4.5, 6.0, 7.0], [0.2, 0.4, 0.4, 0.2, 0.2, 0.4]))
+        return Moment((0.0, 0.0, z), None, None, None, (0.0, 0.0, -7.8 if 1.1 < t < 4.8 else 0.0))
+
+    made = program(
+        segment("motion", 0.0, 1.0, position_start=high, position_end=low),
+        segment("contact", 1.0, 1.5, position_start=low, position_end=low, **hung),
+        segment("sliding", 1.5, 2.5, position_start=low, position_end=high, **hung),
+        segment("hold", 2.5, 3.5, position_start=high, position_end=high, **load),
+        segment("transport", 3.5, 4.5, position_start=high, position_end=low, **load),
+        segment("contact", 4.5, 5.0, position_start=low, position_end=low, **hung),
+        segment("steady", 5.0, 6.0, position_start=low, position_end=low),
+        segment("motion", 6.0, 7.0, position_start=low, position_end=high),
+        at=at,
+    )
+    assert [(app.kind, app.t0) for app in made] == [
+        ("cartesian_motion", 0.0),
+        ("hold", 1.0),
+        ("transport", 1.5),
+        ("hold", 2.5),
+        ("transport", 3.5),
+        ("hold", 4.5),
+        ("cartesian_motion", 6.0),
+    ]
+    assert all(app.force_taught is None for app in made)
+
+
+def test_where_no_gripper_is_known_a_pull_that_ends_is_no_load() -> None:
+    low, high = (0.0, 0.0, 0.2), (0.0, 0.0, 0.4)
+    hung = {"force_held": (0.0, 0.0, -7.8)}
+
+    def at(t: float) -> Moment:
+        z = float(np.interp(t, [1.5, 2.5], [0.2, 0.4]))
+        return Moment((0.0, 0.0, z), None, None, None, (0.0, 0.0, -7.8 if 1.0 < t < 2.5 else 0.0))
+
+    made = program(
+        segment("motion", 0.0, 1.0, position_start=high, position_end=low),
+        segment("contact", 1.0, 1.5, position_start=low, position_end=low, **hung),
+        segment("sliding", 1.5, 2.5, position_start=low, position_end=high, **hung),
+        segment("steady", 2.5, 3.5, position_start=high, position_end=high),
+        at=at,
+    )
+    pull = made[-1]
+    assert (pull.kind, pull.tn, pull.load_kg) == ("cartesian_motion", 2.5, None)
+    assert pull.force_taught == pytest.approx((0.0, 0.0, 7.8))
 
 
 def test_holds_of_two_loads_are_two() -> None:

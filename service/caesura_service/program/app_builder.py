@@ -45,6 +45,7 @@ from caesura_service.program.joined_strokes import (
     INSERTED_M,
     NOWHERE_M,
 )
+from caesura_service.program.missed_finger_motion import BEGUN
 from caesura_service.program.paths import Paths
 from caesura_service.program.program_segment import (
     GRIP_SLACK_S,
@@ -63,6 +64,8 @@ from caesura_service.program.segment_interpretation import kept_steps
 from caesura_service.program.stroke_forces import rest_force_n, stroke_aslant, stroke_force
 
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
+MOST_ACTING = 15  # observations in which fingers act: a Panda's close within six
+FINGERS_MOVE_M = 0.001  # from one observation to the next
 AT_REST: Mapping[str, float] = MappingProxyType(  # a hand that grips at rest sways by less
     {"moved_m_per_s": 0.03, "turned_rad_per_s": math.radians(10.0)}
 )
@@ -417,15 +420,34 @@ def _grip_app(
         gripper_width=moment.gripper_width if grip.width is None else grip.width,
         confidence=confidence,
         segments=tuple(segments),
-        **_in_motion(grip.t, paths),
+        **_in_motion(grip, moment_at, paths),
     )
 
 
-def _in_motion(t: float, paths: Paths | None) -> dict[str, float]:
-    """Return the speeds of the flange at a time [s] at which the fingers acted; none where it rested."""
-    speeds = None if paths is None else paths.speeds_at(t)
-    named = zip(AT_REST.items(), speeds or (), strict=False)
-    return {name: speed for (name, most), speed in named if speed > most}
+def _in_motion(grip: GripperAction, moment_at: MomentAt, paths: Paths | None) -> dict[str, float]:
+    """Return the largest speeds of the flange while the fingers act; none where it rested."""
+    times = [] if paths is None else _acting(grip, moment_at)
+    seen = [speeds for t in times if paths is not None and (speeds := paths.speeds_at(t)) is not None]
+    fastest = zip(AT_REST.items(), map(max, zip(*seen, strict=True)), strict=False)
+    return {name: speed for (name, most), speed in fastest if speed > most}
+
+
+def _acting(grip: GripperAction, moment_at: MomentAt) -> list[float]:
+    """Return the times [s] of observations at which the fingers of an action move, at least its own time.
+
+    The time of an action is one end of their motion. Without an opening the other end is unknown.
+    """
+    step = OBSERVED_S if grip.kind in BEGUN else -OBSERVED_S
+    times, moving = [grip.t], False
+    for k in range(MOST_ACTING):
+        here, there = grip.t + k * step, grip.t + (k + 1) * step
+        one, other = moment_at(here).gripper_width, moment_at(there).gripper_width
+        moves = one is not None and other is not None and abs(other - one) >= FINGERS_MOVE_M
+        if moving and not moves:
+            break
+        moving |= moves
+        times += [there] if moves else []
+    return times
 
 
 def _forces(on_robot: Vector, limit_n: float | None) -> dict[str, object]:

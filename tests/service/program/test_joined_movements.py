@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -173,3 +174,24 @@ def test_fingers_that_act_in_motion_state_how_fast_it_was(
     (app,) = (app for app in made if app.kind == "gripper_move")
     expected = tuple(None if one is None else pytest.approx(one, rel=0.01) for one in stated)
     assert (app.moved_m_per_s, app.turned_rad_per_s) == expected
+
+
+@pytest.mark.parametrize(("kind", "t"), [("grasp", 2.65), ("release", 2.05)])
+def test_fingers_that_begin_or_settle_at_rest_state_how_the_flange_moved_meanwhile(
+    kind: Any, t: float
+) -> None:
+    """A hand scooped: its fingers closed over 50 mm, had settled at rest, and nothing said so."""
+
+    def at(t: float) -> Moment:
+        x = float(np.interp(t, [2.15, 2.45], [0.0, 0.06]))
+        width = float(np.interp(t, [2.05, 2.65], [0.08, 0.03]))
+        return Moment((x, 0.0, 0.3), None, None, width if kind == "grasp" else 0.11 - width)
+
+    def between(t0: float, tn: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        times = 0.05 + 0.1 * np.arange(round((t0 - 0.05) / 0.1), round((tn - 0.05) / 0.1) + 1)
+        return times, np.array([at(t).position for t in times])
+
+    steps = [ProgramSegment(0, segment("steady", 0.0, 4.0), 0.9)]
+    made = task_program(steps, (GripperAction(t, kind, 0.03),), at, paths=Paths(between))
+    (app,) = (one for one in made if one.kind in {"grasp", "gripper_move"})
+    assert app.moved_m_per_s == pytest.approx(0.2, rel=0.01)

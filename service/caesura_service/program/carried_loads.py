@@ -152,13 +152,13 @@ def _weight_n(force: Vector, up: Vector) -> float:
 def moves_freely(step: ProgramSegment, later: Sequence[ProgramSegment], context: Context) -> bool:
     """Whether a step in the air has the force with which the flange is moved up or down next.
 
-    A support would end with that movement. In free space that force is none: a tool may slide down a slope
-    under a constant one. False where the fingers act, or the contact state changes, before it, and for empty
-    fingers: what they have set down rests on its surface. later: the steps after it.
+    A support would end with that movement. In free space that force is none or hangs: a tool may slide down a
+    slope that pushes constantly. False where the fingers act, or the contact state changes, before it, and
+    for empty fingers: what they have set down rests on its surface. later: the steps after it.
     """
     state, held = step.segment.contact, holds(step, context.grips)
-    pressed = state == "free" and (held or length(step.segment.force) >= PUSHES_BACK_N)
-    if step.touches or held is False or pressed:
+    pressed = length(step.segment.force) >= PUSHES_BACK_N and not hangs(step.segment.force, context.up)
+    if step.touches or held is False or (state == "free" and (held or pressed)):
         return False
     for one in later:
         acts = any(step.segment.t0 <= grip.t < one.segment.tn for grip in context.grips)

@@ -408,6 +408,26 @@ def test_where_no_gripper_is_known_a_load_is_no_press() -> None:
     assert all(app.force_taught is None for app in made)
 
 
+def test_where_no_gripper_is_known_a_light_load_that_is_held_up_is_no_pull() -> None:
+    """0.4 kg were moved on as free movements, and the robot pulled with 4 N in the rest between them."""
+    low, high = (0.0, 0.0, 0.2), (0.0, 0.0, 0.4)
+
+    def at(t: float) -> Moment:
+        z = float(np.interp(t, [1.3, 2.3, 3.3, 4.3], [0.2, 0.4, 0.4, 0.2]))
+        return Moment((0.0, 0.0, z), None, None, None, (0.0, 0.0, -4.0 if t > 1.1 else 0.0))
+
+    hung = {"force_start": (0.0, 0.0, -4.0), "force_end": (0.0, 0.0, -4.0)}
+    made = program(
+        segment("motion", 0.0, 1.0, position_start=high, position_end=low),
+        segment("contact", 1.0, 1.3, position_start=low, position_end=low, force_held=(0.0, 0.0, -4.0)),
+        segment("motion", 1.3, 2.3, position_start=low, position_end=high, **hung),
+        segment("steady", 2.3, 3.3, position_start=high, position_end=high, **hung),
+        segment("motion", 3.3, 4.3, position_start=high, position_end=low, **hung),
+        at=at,
+    )
+    assert [app.t0 for app in made if app.kind == "apply_force" and app.t0 > 1.0] == []
+
+
 def test_where_no_gripper_is_known_a_pull_that_ends_is_no_load() -> None:
     low, high = (0.0, 0.0, 0.2), (0.0, 0.0, 0.4)
     hung = {"force_held": (0.0, 0.0, -7.8)}

@@ -255,7 +255,7 @@ def test_what_hangs_on_the_robot_pulls_against_up():
         pulled = lifted.model_copy(update={**read, "force_end": tuple(-5.0 * value for value in up)})
         pulled = pulled.model_copy(update={"force_held": pulled.force_end})
         step = ProgramSegment(0, pulled, 1.0)
-        hangs = carried_loads.hanging(step, Context((), lambda t: None, up))  # type: ignore[arg-type,return-value]
+        hangs = carried_loads.hanging(step, (), Context((), lambda t: None, up))  # type: ignore[arg-type,return-value]
         assert hangs.segment.contact == "transport"
         assert hangs.segment.load_kg == pytest.approx(5.0 / 9.81)
-        assert carried_loads.hanging(step, Context((), lambda t: None)) is step  # type: ignore[arg-type,return-value]
+        assert carried_loads.hanging(step, (), Context((), lambda t: None)) is step  # type: ignore[arg-type,return-value]

@@ -36,6 +36,9 @@ from caesura_protocol.screw_torque_and_text import stop_torque_nm
 from caesura_service.constants import GRAVITY
 
 RISE_S, RELEASE_S = 0.15, 0.15  # longest time in which a force is built up; in which it is let go
+LEAVES_S = (
+    0.15  # at the start of a movement from a contact to the next, in which it may still touch the first
+)
 FORCE_GAIN_PER_S, FORCE_CORRECTION_N = 40.0, 8.0
 FORCE_GAIN_NS_PER_M = 200.0  # largest gain times mass: half of the damping of a press on a stiff surface
 BOUNCING_M_PER_S = 0.003  # at the bottom it is no rest, whose force could be corrected, from that speed on
@@ -165,6 +168,7 @@ class SkillController:
         With `approach` (3,) until a contact in that direction, past the target if needed. passes_on: whether
         the next app continues from its target without a rest.
         """
+        leaves_s = 0.0 if self.contact_direction is None else LEAVES_S
         self.release_contact()
         self._free_force = np.zeros(3)
         search, arriving = 0.0, None
@@ -177,6 +181,7 @@ class SkillController:
         torque_stop = TorqueStop(app.screw)
         search_s = 0.0 if approach is None else self.safety.search_m / search
         weighs_from, weighed = (round(s * seconds / DT) if self.arm.load_kg else 0 for s in WEIGHED)
+        blind = max(weighed, round(leaves_s / DT))
         for k in range(1, round((seconds + search_s) / DT) + 1):
             measured = self.tick(self._setpoint_at(path, k * DT))
             if torque_stop.reached(measured):
@@ -184,11 +189,7 @@ class SkillController:
                 break
             if k == round(0.5 * (weighs_from + weighed)):
                 self._check_load(measured)
-            if (
-                approach is not None
-                and k > weighed
-                and -float(approach.dot(self.felt)) > self.safety.contact_n
-            ):
+            if approach is not None and k > blind and -float(approach.dot(self.felt)) > self.safety.contact_n:
                 self._check_contact(app, measured)
                 self._enter_contact(approach)
                 self._settle_on_contact(approach)

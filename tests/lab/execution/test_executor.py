@@ -76,6 +76,25 @@ def test_a_press_has_the_force_that_is_asked_for(pressed: RunResult) -> None:
     assert np.median(normal[end - 600 : end - 200]) == pytest.approx(10.0, rel=0.05)
 
 
+def test_a_movement_from_a_contact_to_the_next_leaves_the_first_one():
+    """The hand drags a little before it lifts: the robot took that for the next contact, and stopped."""
+    touch, pressed, _ = press()
+    place = touch.target
+    assert place is not None
+    x, y, z = place
+    ways = ((4.4, (x + 0.01, y, z), (0.05, 0.0, 0.0)), (5.2, (x + 0.03, y, z + 0.05), (0.0, 0.0, 0.0)))
+    via = tuple(ViaPoint(t=t, position=at, orientation=DOWN, velocity=v) for t, at, v in ways)
+    path = path_from((x, y, z - 0.002), 4.2, 6.2, 0.13, via=via)
+    onward = app("move_to_contact", 4.2, 6.2, place).model_copy(update={"path": path})
+    again = app("apply_force", 6.2, 7.2, place, force=(0.0, 0.0, -10.0))
+    done = executed((touch, pressed, onward, again), PRESSING)
+    assert done.stopped is None
+    begun, ended = done.spans[2]
+    assert ended - begun > 1.8
+    over = done.trace.contact[round(1000 * (begun + 0.9)) : round(1000 * (begun + 1.3)), 2]
+    assert not over.any()
+
+
 def test_runs_keep_to_their_limits(pressed: RunResult, picked: RunResult) -> None:
     assert violations(pressed.trace, DEFAULT) == []
     assert violations(picked.trace, DEFAULT) == []

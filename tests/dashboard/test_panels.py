@@ -31,6 +31,11 @@ PANELS = {
     "joint torques": ("tau", tuple(f"tau{i + 1}" for i in range(JOINTS)), 2),
     "gripper": ("gripper", ("",), 1),
 }
+# As where a scroll bar takes room: the browser of the tests draws it upon the page.
+SCROLLS = ".work:has(.u-wrap) { padding-right: 15px; }"
+# The widths [px] of the band, and of each panel below it.
+WIDTHS = """() => [".plots canvas.band", ".panels .u-wrap"].map((of) => [...document.querySelectorAll(of)])
+  .map((found) => [...new Set(found.map((one) => one.getBoundingClientRect().width))])"""
 SHOWN = "() => [...document.querySelectorAll('.panels .panel')].map((one) => one.dataset.signal)"
 
 
@@ -72,6 +77,17 @@ def switch(page: Page, name: str) -> None:
 
 def panel_of(page: Page, name: str) -> Locator:
     return page.locator(f".panel[data-signal='{name}']")
+
+
+def test_panels_are_as_wide_as_the_band_where_the_page_scrolls(stage: Stage, visitor: Visitor):
+    """Without panels the page was wider. A boundary stood up to 15 px beside the one in the band."""
+    page = opened(stage, visitor)
+    page.add_style_tag(content=SCROLLS)
+    switch(page, "torque")
+    expect(panel_of(page, "torque")).to_be_visible()
+    band, panels = page.evaluate(WIDTHS)
+    assert len(band) == 1
+    assert panels == band
 
 
 def test_panels_that_are_switched_on_draw_what_was_sent_and_read_it(stage: Stage, visitor: Visitor):

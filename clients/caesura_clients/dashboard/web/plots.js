@@ -22,9 +22,10 @@ export class Plots {
   }
   // Show these panels, in this order. Returns whether they, or their width, are others than before.
   show(panels) {
-    const key = JSON.stringify([panels.map(({ name, unit, title, columns }) => [name, unit, title, columns]), this.host.clientWidth]);
+    const width = this.host.clientWidth; // while there are panels: without them a page may need no scroll bar
+    const key = JSON.stringify([panels.map(({ name, unit, title, columns }) => [name, unit, title, columns]), width]);
     if (key === this.key) return false;
-    this.key = key;
+    Object.assign(this, { key, width });
     this.close();
     panels.forEach((panel, i) => this.plots.set(panel.name, this.make(panel, i === panels.length - 1)));
     return true;
@@ -65,7 +66,7 @@ export class Plots {
     const line = (i) => () => this.ink.lines[panel.columns.length === 1 ? 0 : i % this.ink.lines.length];
     const axis = { stroke: () => this.ink.faint, font: fontOf(), ticks: { stroke: () => this.ink.rule, size: 4 }, grid: { stroke: () => this.ink.rule, width: 0.5 } };
     return {
-      width: this.host.clientWidth, height: HEIGHT + (isLast ? AXIS : 0), padding: [PADDING, RIGHT, isLast ? 0 : PADDING, 0],
+      width: this.width, height: HEIGHT + (isLast ? AXIS : 0), padding: [PADDING, RIGHT, isLast ? 0 : PADDING, 0],
       legend: { show: false },
       cursor: { drag: { x: false, y: false, setScale: false }, sync: { key: "caesura", setSeries: false }, y: false, points: { show: false } },
       scales: { x: { time: false, range: () => this.state.view() }, y: { range: (u, low, high) => this.range(panel, low, high) } },

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from caesura_clients.dashboard.network_follower import NetworkFollower
 from caesura_clients.dashboard.session_list_rows import PartChoice
 from caesura_clients.query import services, stations
+from caesura_clients.session_follower import SessionRemoved
 from caesura_protocol.codec import Encoded, encode, encode_error, pack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import SampleRange, service_key, session_key, station_key
@@ -112,6 +115,17 @@ def test_a_closed_session_that_the_service_holds_no_longer_is_dropped_at_once(ga
     assert set(gateway.world.first_seen) == set(gateway.world.updates)
     holds(answering)
     eventually(lambda: gateway.world.updates == gateway.world.first_seen == {})
+
+
+def test_a_session_that_leaves_memory_is_not_shown_as_it_was_before_its_corrections(gateway, answering):
+    """It was read from the journal before it was held: the dashboard showed that state from then on."""
+    held = gateway.world.update(station())
+    before = replace(held, segments=())
+    gateway._change(stored={(held.station, held.session): before})
+    holds(answering)
+    answering.put(held.status.model_copy(update={"seq": 9, "state": "closed"}))
+    eventually(lambda: gateway.world.updates == {})
+    assert gateway.world.update(held.station, held.session) is None
 
 
 def test_what_there_was_before_is_known(gateway):
@@ -269,6 +283,20 @@ def test_a_bridge_comes_and_goes(gateway, memory):
     eventually(lambda: "cell-7" not in gateway.world.bridges)
 
 
+def test_a_late_status_of_a_bridge_that_is_gone_is_not_that_of_the_next_one(gateway, memory):
+    """The next one was not in standby: Start stayed enabled, and no press was ever answered."""
+    robot, token = memory.transport(), station_key("cell-7", "alive")
+    late = BridgeStatus(station="cell-7", bridge="b", state="ready", source="franky")
+    with robot.declare_token(token):
+        eventually(lambda: "cell-7" in gateway.world.bridges)
+    eventually(lambda: "cell-7" not in gateway.world.bridges)
+    robot.put(station_key("cell-7", "bridge_status"), encode(late))
+    eventually(lambda: "cell-7" in gateway.world.standby)
+    with robot.declare_token(token):
+        eventually(lambda: "cell-7" in gateway.world.bridges)
+        assert gateway.world.bridge_status("cell-7") is None
+
+
 def test_run_lengths_are_kept_in_order(gateway, answering):
     answering.snapshots = [snapshot(1, "motion", epoch=99)]
     session = answering.snapshots[0].status.session
@@ -306,3 +334,20 @@ def test_pages_of_two_instances_leave_no_session_out(memory, update, monkeypatch
     assert set(follower.world.stored) == {
         (name, one.status.session) for name, sessions in stored.items() for one in sessions
     }
+
+
+def test_sessions_that_leave_memory_after_all_older_ones_were_read_are_read_next(memory, monkeypatch):
+    """They were on the first page, and the next query was for the last one: no list had them again."""
+    stored = [snapshot(1, "motion", session=f"s{i:02}") for i in range(5)]
+
+    def page(_transport, _station, _session="*", *, skip):
+        return list(reversed(stored))[skip : skip + 2]
+
+    monkeypatch.setattr("caesura_clients.dashboard.network_follower.stored_snapshots", page)
+    follower = NetworkFollower(memory.transport())
+    assert [follower.read_stored() for _ in range(4)] == [2, 2, 1, 0]
+    for number in range(5, 8):
+        stored.append(snapshot(1, "motion", session=f"s{number:02}"))
+        follower._take(SessionRemoved(station(), f"s{number:02}"))
+    assert [follower.read_stored() for _ in range(3)] == [2, 2, 0]
+    assert {session for _, session in follower.world.stored} == {f"s{i:02}" for i in range(8)}

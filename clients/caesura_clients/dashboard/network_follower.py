@@ -14,11 +14,11 @@ import math
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
 from queue import SimpleQueue
-from typing import Any
+from typing import Any, TypeVar
 
 from caesura_clients.dashboard.signal_ring import SignalRing
 from caesura_clients.dashboard.station_summary import DashboardState, NewestSamples
@@ -42,6 +42,8 @@ from caesura_protocol.messages import (
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
 from caesura_protocol.transport.transport_interface import Transport
 
+K = TypeVar("K")
+V = TypeVar("V")
 POLL_S = 1.0
 TICK_S = 0.2  # how soon a thread sees that it is over
 REFRESH_S = 2.0  # of silence, then what is known is asked for again
@@ -107,20 +109,32 @@ class NetworkFollower(RepeatingThreads):
     def read_stored(self, station: str = "*", session: str = "*") -> int:
         """Read the next page of stored sessions, or one session; return how many were found.
 
-        Raises CaesuraError or ProtocolError.
+        Pages that have only known sessions are skipped. Raises CaesuraError or ProtocolError.
         """
-        skip = 0 if session != "*" else self._pages.get(station, 0)
-        found = stored_snapshots(self.transport, station, session, skip=skip)
-        stored = dict(self.world.stored)
+        if session != "*":
+            found = stored_snapshots(self.transport, station, session)
+            self._keep_stored(found)
+            return len(found)
+        while True:
+            skip = self._pages.get(station, 0)
+            found = stored_snapshots(self.transport, station, session, skip=skip)
+            self._pages[station] = skip + self._least_page(found)
+            if self._keep_stored(found) or not found:
+                return len(found)
+
+    def _keep_stored(self, found: Iterable[Snapshot]) -> bool:
+        """Keep sessions that were read from the journal; return whether one of them is new."""
+        read: dict[Key, Update] = {}
         for one in found:
             reader = SessionReader()
             reader.restart(one)
             if reader.update is not None:
-                stored[one.status.station, one.status.session] = reader.update
-        if session == "*":
-            self._pages[station] = skip + self._least_page(found)
-        self._change(stored=dict(list(stored.items())[-STORED:]), closed=self.world.closed + 1)
-        return len(found)
+                read[one.status.station, one.status.session] = reader.update
+        with self._changing:
+            known, closed = self.world.stored, self.world.closed + 1
+            stored = dict(list({**known, **read}.items())[-STORED:])
+            self.world = replace(self.world, stored=stored, closed=closed)
+        return not read.keys() <= known.keys()
 
     def _least_page(self, found: Iterable[Snapshot]) -> int:
         """Return the least number of sessions that any instance returned.
@@ -139,7 +153,7 @@ class NetworkFollower(RepeatingThreads):
     def _trouble(self, name: str, why: str = "") -> None:
         """Record why a thread cannot work; an empty reason records that it works."""
         if self.world.troubles.get(name, "") != why:
-            others = {key: one for key, one in self.world.troubles.items() if key != name}
+            others = _without(self.world.troubles, name)
             self._change(troubles={**others, name: why} if why else others)
 
     # --- results ---
@@ -157,13 +171,23 @@ class NetworkFollower(RepeatingThreads):
             case Update():
                 self._take_update(event)
             case SessionRemoved():
-                gone = (event.station, event.session)
-                kept = {key: one for key, one in self.world.updates.items() if key != gone}
-                seen = {key: at for key, at in self.world.first_seen.items() if key != gone}
-                self._change(updates=kept, first_seen=seen, closed=self.world.closed + 1)
-                self._look_up_current(event.station)
-                self._parallel.close(*gone)
-                self._count_bridges(event.station)
+                self._remove((event.station, event.session))
+
+    def _remove(self, gone: Key) -> None:
+        """Remove a session that the service holds no longer, also as it was read before it was held."""
+        with self._changing:
+            world = self.world
+            self.world = replace(
+                world,
+                updates=_without(world.updates, gone),
+                stored=_without(world.stored, gone),
+                first_seen=_without(world.first_seen, gone),
+                closed=world.closed + 1,
+            )
+        self._pages.clear()  # it may be on the first page now
+        self._look_up_current(gone[0])
+        self._parallel.close(*gone)
+        self._count_bridges(gone[0])
 
     def _take_update(self, update: Update) -> None:
         key = (update.station, update.session)
@@ -183,7 +207,7 @@ class NetworkFollower(RepeatingThreads):
         """Record the sessions of a station that several bridges send at once."""
         both, known = self._parallel.at(station), self.world.parallel
         if known.get(station, ()) != both:
-            others = {name: sessions for name, sessions in known.items() if name != station}
+            others = _without(known, station)
             self._change(parallel={**others, station: both} if both else others)
 
     def _look_up_current(self, station: str) -> None:
@@ -212,7 +236,7 @@ class NetworkFollower(RepeatingThreads):
             self._unsure.add(station)
             return
         with self._changing:
-            others = {name: one for name, one in self.world.current.items() if name != station}
+            others = _without(self.world.current, station)
             self.world = replace(self.world, current={**others, **found})
 
     def _keep_posterior(self, station: str, posterior: Posterior) -> None:
@@ -240,12 +264,11 @@ class NetworkFollower(RepeatingThreads):
                     self._sampled(item)
 
     def _attend(self, presence: TokenChange) -> None:
+        """Apply a token's change. A bridge that comes may be another one: its status is still to come."""
         try:
             bridge = parse_station_key(presence.key)[0]
-            self._change(bridges=_with(self.world.bridges, bridge, presence.alive))
-            if not presence.alive:
-                rest = {name: one for name, one in self.world.standby.items() if name != bridge}
-                self._change(standby=rest)
+            bridges = _with(self.world.bridges, bridge, presence.alive)
+            self._change(bridges=bridges, standby=_without(self.world.standby, bridge))
         except ProtocolError:
             with suppress(ProtocolError):
                 instance = parse_service_key(presence.key)[0]
@@ -326,3 +349,7 @@ class NetworkFollower(RepeatingThreads):
 
 def _with(names: frozenset[str], name: str, there: bool) -> frozenset[str]:
     return names | {name} if there else names - {name}
+
+
+def _without(known: Mapping[K, V], key: K) -> dict[K, V]:
+    return {name: one for name, one in known.items() if name != key}

@@ -511,7 +511,9 @@ def test_what_is_lost_with_the_connection_is_stated_when_the_page_is_loaded_agai
     settled(page)
     said, edited = page.locator(".at-time .message"), page.locator(".program-said")
     run = page.locator(".program-path .simulated")
-    note, saved = page.locator(".name-note"), page.locator(".description .conflict")
+    note, tags, saved = (
+        page.locator(one) for one in (".name-note", ".name-tags", ".description .conflict")
+    )
     page.locator(".description summary").click()
     page.evaluate(DISCONNECT)
     note.fill("calm hand")
@@ -522,18 +524,21 @@ def test_what_is_lost_with_the_connection_is_stated_when_the_page_is_loaded_agai
     page.locator(".correct-menu .insert").click()
     expect(said).to_contain_text("Correcting …")
     page.get_by_role("button", name="Simulate", exact=True).click()
+    tags.fill("left")  # and the cursor stays there
     page.once("dialog", lambda dialog: dialog.accept())  # the browser asks before it leaves what is not saved
     page.reload()
     expect(said).to_contain_text("A correction was asked for before this page was loaded again")
     expect(edited).to_contain_text("An edit was asked for before this page was loaded again")
     expect(run).to_contain_text("A simulated run ended with the connection")
-    expect(saved).to_contain_text("Not saved: the connection was lost")
+    expect(saved).to_contain_text("Not saved: this page was left or loaded again")
     expect(note).to_have_value("calm hand")
+    expect(tags).to_have_value("left")
     looks_right(visitor, "lost", within=".description")
     page.get_by_role("button", name="Try again").click()
     expect(page.locator(".description .saved")).to_contain_text("Saved.")
     with stage.reader() as caesura:
-        assert caesura.snapshot("cell-lost", "over").status.description.note == "calm hand"
+        stored = caesura.snapshot("cell-lost", "over").status.description
+        assert (stored.note, stored.tags) == ("calm hand", ("left",))
     page.reload()
     expect(page.locator(".app").first).to_be_visible()
     settled(page)

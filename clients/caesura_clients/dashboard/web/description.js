@@ -11,7 +11,7 @@ import { unanswered } from "caesura-dashboard/unanswered.js";
 import { unsaved } from "caesura-dashboard/unsaved.js";
 
 const requests = unanswered("description");
-const UNANSWERED = "Not saved: the connection was lost, and the page was loaded again.";
+const UNANSWERED = "Not saved: this page was left or loaded again before that.";
 const NARROW = matchMedia("(max-width: 40rem)");
 const AUTHOR = "caesura-author";
 const empty = () => ({ task: null, operator: null, note: null, tags: [], success: null, deleted: false });
@@ -53,6 +53,12 @@ export default {
       <conflict v-if="editable && refused" :words="message" :is-met="refused.found !== null" :busy="asked.length > 0"
         @anyway="saveAnyway" @new-value="takeNew"></conflict>
     </details>`,
+  mounted() {
+    window.addEventListener("pagehide", this.keepTyped);
+  },
+  unmounted() {
+    window.removeEventListener("pagehide", this.keepTyped);
+  },
   computed: {
     title() {
       return this.live && this.closed ? "Last demonstration" : "This demonstration";
@@ -78,7 +84,14 @@ export default {
       if (!this.isAsking()) this.learn(payload.description);
       if (isOther && this.editable) this.recall();
     },
-    recall() { // changes that were not stored before the connection was lost
+    keepTyped() { // for this page when it is opened again: what was not asked for, or was refused
+      const typed = FIELDS.filter((name) => this.draft[name] !== this.filled[name]);
+      if (!this.editable || !typed.length) return;
+      const read = (texts) => Object.fromEntries(typed.map((name) => [name, READ[name](texts[name])]));
+      const mine = this.asked.filter((one) => one.session === this.session);
+      requests.keep([...mine, { session: this.session, changes: read(this.draft), before: read(this.filled), rest: this.known }]);
+    },
+    recall() { // changes that were not stored before the page was left, as by a lost connection
       const asked = requests.recall(([{ session }]) => session === this.session);
       if (asked === null) return;
       const changes = Object.assign({}, ...asked.map((one) => one.changes));

@@ -44,6 +44,8 @@ def first_finding(
     found = one["msg"]
     for raw, plain in _PLAIN:
         found = re.sub(raw, plain, found)
+    if one["loc"] and found.startswith(f"{one['loc'][-1]} is "):  # stated by the validator
+        return found
     if one["type"] == "json_invalid":
         return found
     if one["type"] == "string_pattern_mismatch" and (unseen := _unseen(one["input"], one["ctx"]["pattern"])):

@@ -160,7 +160,7 @@ def test_stations_are_reported_at_a_glance(stage: Stage, visitor: Visitor):
     taught, over = (page.locator("li.card", has_text=name) for name in ("cell-1", "cell-2"))
     expect(taught.locator(".badge")).to_have_text("teaching")
     expect(taught).to_contain_text("just now")
-    expect(over.locator(".badge")).to_have_text("demonstration over")
+    expect(over.locator(".badge")).to_have_text("ended")
 
 
 def test_segments_appear_while_they_are_taught_and_run_lengths_when_they_are_asked_for(

@@ -165,7 +165,7 @@ def test_a_session_with_times_of_day_is_read_and_corrected_from_its_start(stage:
         assert corrected() == [pytest.approx(inserted)]
     for path in ("/station/cell-day", "/"):
         page.goto(f"{stage.dashboard.url}{path}")
-        expect(page.locator("body")).to_contain_text("demonstration over", ignore_case=True)
+        expect(page.locator("body")).to_contain_text("ended", ignore_case=True)
         assert times_of_day(page) == []
 
 
@@ -511,9 +511,7 @@ def test_what_is_lost_with_the_connection_is_stated_when_the_page_is_loaded_agai
     settled(page)
     said, edited = page.locator(".at-time .message"), page.locator(".program-said")
     run = page.locator(".program-path .simulated")
-    note, tags, saved = (
-        page.locator(one) for one in (".name-note", ".name-tags", ".description .conflict")
-    )
+    note, tags, saved = (page.locator(one) for one in (".name-note", ".name-tags", ".description .conflict"))
     page.locator(".description summary").click()
     page.evaluate(DISCONNECT)
     note.fill("calm hand")

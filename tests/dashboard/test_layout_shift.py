@@ -260,7 +260,7 @@ def test_a_station_shows_an_ended_session_as_a_whole(stage: Stage, opened: Visit
     stage.teach("cell-3", patient(rest_s=LONG_S), session="long", pace="fast")
     stage.wait("cell-3")
     page = page_at(stage, opened, "station/cell-3", DESK)
-    expect(page.locator(".desk-state")).to_have_text("Demonstration over")
+    expect(page.locator(".desk-state")).to_have_text("Ended")
     start, end = shown_range(page)
     assert start == 0.0
     assert end > LONG_S

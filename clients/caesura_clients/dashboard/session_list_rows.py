@@ -16,7 +16,7 @@ def sessions(world: DashboardState) -> list[dict[str, Any]]:
     """Return a row per session, the newest first; `href` links to its replay."""
     known = {**world.stored, **world.updates}
     newest = sorted(known.values(), key=_age, reverse=True)
-    return [_row(update) for update in newest]
+    return [_row(update, is_left_open=world.is_left_open(update)) for update in newest]
 
 
 def damaged(world: DashboardState) -> list[str]:
@@ -75,7 +75,7 @@ def _age(update: Update) -> tuple[float, str, str]:
     return update.status.opened or 0.0, update.session, update.station
 
 
-def _row(update: Update) -> dict[str, Any]:
+def _row(update: Update, *, is_left_open: bool) -> dict[str, Any]:
     status, stated = update.status, update.status.description
     return {
         "station": update.station,
@@ -89,6 +89,7 @@ def _row(update: Update) -> dict[str, Any]:
         "deleted": stated.deleted,
         "opened": status.opened,
         "closed": update.closed,
+        "leftOpen": is_left_open,
         "length": round(lasted(update), 1),
         "segments": len(update.segments),
         "apps": len(update.program.apps),

@@ -23,7 +23,7 @@ State = Literal["teaching", "stale", "done", "ready", "standby", "failed", "gone
 SAID: Mapping[State, str] = {
     "teaching": "teaching",
     "stale": "stale",
-    "done": "demonstration over",
+    "done": "ended",
     "ready": "connected, nothing taught yet",
     "standby": "ready to start",
     "failed": "robot not ready",
@@ -63,6 +63,23 @@ class DashboardState:
         A status may arrive after the bridge's token has gone: it does not count until the token is back.
         """
         return self.standby.get(station) if station in self.bridges else None
+
+    def is_left_open(self, update: Update) -> bool:
+        """Return whether a session is open and its bridge is gone, or has begun a later session.
+
+        False while the network cannot be asked: then neither is known.
+        """
+        if update.closed or self.trouble or not self.alive:
+            return False
+        if update.station not in self.bridges:
+            return True
+        opened = update.status.opened or 0.0
+        is_last = all(
+            (one.status.opened or 0.0) <= opened
+            for (station, _), one in self.updates.items()
+            if station == update.station
+        )
+        return not is_last and update.session not in self.parallel.get(update.station, ())
 
     def sessions(self, station: str) -> list[str]:
         """Return the station's sessions, the newest first."""

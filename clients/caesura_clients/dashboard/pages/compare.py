@@ -13,6 +13,7 @@ from caesura_clients.dashboard.nicegui_elements import SessionView, Tables
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
 from caesura_clients.dashboard.pages.session import line_of_past
 from caesura_clients.dashboard.pages.stored_session import StoredSession
+from caesura_clients.dashboard.station_summary import DashboardState
 from caesura_clients.session_state_reader import Update
 from caesura_protocol.app_kinds import app_number, app_title
 from caesura_protocol.messages import App, Program
@@ -55,7 +56,7 @@ class ComparePage:
         self._banner.say(world.trouble)
         updates = [world.update(*named) for named in self._named]
         for half, update in zip(self._halves, updates, strict=True):
-            half.show(update, world.trouble)
+            half.show(update, world)
 
     async def _compare(self) -> None:
         """Compare the programs if one has changed, without blocking other pages."""
@@ -89,14 +90,14 @@ class _Half:
         self._station, self._session = station, session
         self._stored = StoredSession(site.gateway, station, session)
 
-    def show(self, update: Update | None, trouble: str) -> None:
-        """Send the changes of the session to the browser. trouble: why the service cannot be asked."""
+    def show(self, update: Update | None, world: DashboardState) -> None:
+        """Send the changes of the session to the browser."""
         self._stored.follow(update)
         task = update.status.description.task if update else None
         name = f"{self._station} · {task or self._session}"
         if name != self._link.text:
             self._link.set_text(name)
-        past = line_of_past(update, trouble)
+        past = line_of_past(update, world)
         line = f"session {self._session} · {past}" if task else past  # two may have the same task
         if line != self._line.text:
             self._line.set_text(line)

@@ -32,6 +32,7 @@ from caesura_clients.dashboard.program_simulation import SPEEDS, Simulation, Sim
 from caesura_clients.dashboard.program_timeline import Timeline
 from caesura_clients.dashboard.session_list_rows import PartChoice
 from caesura_clients.dashboard.station_summary import (
+    DashboardState,
     StationSummary,
     glance,
     length_words,
@@ -48,6 +49,7 @@ ONLY_READ = (
     "Newer sessions have taken the place of this one in the service: it can be read, exported and replayed, "
     "and cannot be changed."
 )
+LEFT_OPEN = "not ended: its bridge is gone, and the station's next bridge in standby closes it"
 GONE = "The service no longer holds this session, and it cannot be changed."
 # The threads of `run.io_bound` may all wait for a service.
 BUILDERS = ThreadPoolExecutor(2, "program")
@@ -129,7 +131,7 @@ class SessionPage:
         self._offer_tools(update)
         live = self._session is None
         self._banner.say(warning_of(seen, world) if live else world.trouble)
-        line = line_of(seen, update) if live else line_of_past(update, world.trouble)
+        line = line_of(seen, update) if live else line_of_past(update, world)
         if line != self._line.text:
             self._line.set_text(line)
         if self._session is not None:
@@ -341,14 +343,15 @@ def line_of(seen: StationSummary, update: Update | None) -> str:
     return " · ".join([*parts, *_times(update)])
 
 
-def line_of_past(update: Update | None, trouble: str = "") -> str:
+def line_of_past(update: Update | None, world: DashboardState) -> str:
     """Return the line on a session that was requested by its name; None: the service does not hold it.
 
-    trouble: why the service cannot be asked, which the page's banner states.
+    Why the service cannot be asked, the page's banner states.
     """
     if update is None:
-        return "" if trouble else "The service is asked for this session."
-    state = "closed" if update.closed else "being taught"
+        return "" if world.trouble else "The service is asked for this session."
+    open_words = LEFT_OPEN if world.is_left_open(update) else "being taught"
+    state = "closed" if update.closed else open_words
     gaps = len(update.status.gaps) + update.status.gaps_before
     segments = counted(len(update.segments), "segment")
     parts = [state, length_words(update), segments, _gaps(gaps), wrench_words(update.status.wrench)]

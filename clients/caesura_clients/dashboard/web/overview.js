@@ -12,7 +12,7 @@ export default {
           <h2><a :href="'/station/' + one.station">{{ one.station }}</a></h2>
           <p class="state"><span class="badge badge-said" :class="'badge-' + stateOf(one)">{{ badge(one) }}</span>
             <span v-if="one.overloaded" class="badge badge-stale">overloaded</span></p>
-          <p class="why" v-if="one.why">{{ one.why }}{{ one.state === "stale" ? ": what is shown is old" : "" }}</p>
+          <p class="why" v-if="one.why">{{ one.why }}{{ one.state === "stale" ? "; what is shown is old" : "" }}</p>
           <p class="now"><template v-if="one.kind"><i class="swatch" :class="'kind-' + one.kind"></i>
             <strong>{{ one.kind }}</strong> {{ percent(one.probability) }}</template>
             <template v-else>{{ one.segments ? "last demonstration" : "no segment yet" }}</template></p>

@@ -105,7 +105,7 @@ export default {
       if (key === "edited") return [one.author, one.edited && dayAndTime(one.edited)].filter(Boolean).join(", ") || "–";
       if (key === "success") return RESULTS[one.success];
       if (key === "tags") return one.tags.join(", ") || "–";
-      if (key === "length") return `${one.length.toFixed(1)} s${one.closed ? "" : ", going on"}`;
+      if (key === "length") return `${one.length.toFixed(1)} s${one.closed ? "" : one.leftOpen ? ", not ended" : ", going on"}`;
       if (key === "version") return `version ${one.version}`;
       return one[key] || (typeof one[key] === "number" ? one[key] : "–");
     },

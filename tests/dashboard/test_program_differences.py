@@ -20,6 +20,7 @@ from caesura_clients.cli.commands import register
 from caesura_clients.dashboard.correction_requests import EditRefused
 from caesura_clients.dashboard.program_differences import compared_versions, differing
 from caesura_clients.program_editing import edit_program, reference
+from caesura_protocol.app_kinds import app_title
 from caesura_protocol.messages import (
     App,
     AppChange,
@@ -80,6 +81,10 @@ def test_an_app_that_is_added_left_out_or_moved_is_named_and_those_that_made_roo
     assert (gone["app"].split(" ")[0], gone["was"]) == ("1", "left out")
     (place,) = differing(apps, [*apps[1:], moved(apps[0])])
     assert place["changes"] == [["place", "1", str(len(apps))]]
+    added = apps[0].model_copy(update={"added": 2})
+    _, place = differing(apps, [apps[0], added, moved(apps[2]), apps[1], *apps[3:]])
+    title = app_title(added.kind)
+    assert place["changes"] == [["place", "", f"3, after {title}"]], "not from 3 to 3"
 
 
 @pytest.mark.parametrize("request_", [{}, {"from": 0}, {"from": -1, "to": 0}, {"from": "0", "to": 1}])

@@ -80,8 +80,12 @@ def _identity(app: App) -> object:
 
 def _row(apps: Sequence[App], index: int, was: str, changes: Sequence[Sequence[str]] = ()) -> Row:
     app = apps[index]
-    name = f"{app_number(index)} · {app.name or app_title(app.kind)}"
+    name = f"{app_number(index)} · {_title(app)}"
     return {"app": name, "was": was, "changes": [list(one) for one in changes]}
+
+
+def _title(app: App) -> str:
+    return app.name or app_title(app.kind)
 
 
 def _changes(before: Sequence[App], old: int, after: Sequence[App], new: int) -> list[tuple[str, str, str]]:
@@ -91,8 +95,16 @@ def _changes(before: Sequence[App], old: int, after: Sequence[App], new: int) ->
         for one in field_differences(after[new], before[old])
     ]
     if _moves(after[new]) != _moves(before[old]):
-        found.append(("place", f"{app_number(old)}", f"{app_number(new)}"))
+        found.append(_place_change(old, after, new))
     return found
+
+
+def _place_change(old: int, after: Sequence[App], new: int) -> tuple[str, str, str]:
+    """Return the change of a place; where other edits left the number equal, the app before is named."""
+    if old != new:
+        return "place", f"{app_number(old)}", f"{app_number(new)}"
+    behind = f"after {_title(after[new - 1])}" if new else "the first"
+    return "place", "", f"{app_number(new)}, {behind}"
 
 
 def _moves(app: App) -> list[int]:

@@ -106,6 +106,8 @@ def test_no_state_and_no_reason_changes_the_height_of_start_and_stop(
 
 def test_sessions_are_searched_filtered_sorted_and_deleted_with_undo(stage: Stage, visitor: Visitor):
     with stage.reader() as caesura:
+        stage.teach("cell-3", guided(), session="unnamed", pace="fast")
+        stage.wait("cell-3")
         for number, success in (("a", True), ("b", False), ("c", None)):
             stage.teach("cell-3", guided(), session=f"list-{number}", pace="fast")
             stage.wait("cell-3")
@@ -115,9 +117,9 @@ def test_sessions_are_searched_filtered_sorted_and_deleted_with_undo(stage: Stag
         page.goto(f"{stage.dashboard.url}/sessions")
         names = page.locator("td.is-task")
         page.locator(".by-station").select_option("cell-3")
-        expect(names).to_have_text(["press c", "press b", "press a"])
+        expect(names).to_have_text(["press c", "press b", "press a", "unnamed"])
         page.get_by_role("button", name="name").click()
-        expect(names).to_have_text(["press a", "press b", "press c"])
+        expect(names, "as the column has them").to_have_text(["press a", "press b", "press c", "unnamed"])
         caesura.edit_program("cell-3", "list-a", NameProgram(name="press"), author="Ann")
         changed = page.locator("tr", has_text="press a").locator("td[data-title=changed]")
         expect(changed, "an edit of the program is no correction").to_contain_text("Ann")
@@ -131,9 +133,9 @@ def test_sessions_are_searched_filtered_sorted_and_deleted_with_undo(stage: Stag
         expect(form.locator(".saved")).to_contain_text("Deleted: lists leave it out.")
         page.go_back()
         page.locator(".by-station").select_option("cell-3")
-        expect(names).to_have_text(["press c", "press a"])
+        expect(names).to_have_text(["press c", "press a", "unnamed"])
         page.locator(".with-deleted").check()
-        expect(names).to_have_text(["press c", "press b", "press a"])
+        expect(names).to_have_text(["press c", "press b", "press a", "unnamed"])
         names.nth(1).get_by_role("link").click()
         form.locator("summary").click()
         form.locator(".delete").click()

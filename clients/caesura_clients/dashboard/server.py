@@ -46,6 +46,7 @@ LOOK_S = 0.02  # between two looks whether the socket is bound
 # A page that answers no ping for this long is dropped and loads itself again: what was typed into it is gone.
 # The 2 s of NiceGUI are a short pause of a tablet.
 STALL_S = 30.0
+NAME_WORDS = "1 to 64 of a to z, 0 to 9, - and _, and a letter or a digit first"
 FAVICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><rect width="16" height="16" rx="3" '
     'fill="#0b57a4"/><path d="M5 3v10M11 3v10" stroke="#fff" stroke-width="2.4"/></svg>'
@@ -318,4 +319,4 @@ def _checked(name: str) -> str:
     try:
         return check_name(name, "name")
     except ProtocolError as error:
-        raise HTTPException(404, str(error)) from error
+        raise HTTPException(404, f"{name!r} cannot be a name: expected {NAME_WORDS}") from error

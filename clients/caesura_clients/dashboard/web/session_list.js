@@ -8,6 +8,7 @@ const COLUMNS = [
   ["version", "program"], ["edited", "changed"], ["session", "session"], ["instance", "instance"],
 ];
 const MOST = 50; // sessions of a dataset
+const named = (one) => one.task || one.session; // as the column of names has it
 const RESULTS = { true: "yes", false: "no", null: "–" };
 const order = (a, b) => (typeof a === "number" && typeof b === "number" ? a - b : String(a).localeCompare(String(b)));
 
@@ -38,9 +39,9 @@ export default {
           <button class="sort" @click="sort(key)">{{ title }}<span aria-hidden="true">{{ by === key ? (falling ? " ▾" : " ▴") : "" }}</span></button></th></tr></thead>
         <tbody><tr v-for="one in found" :key="one.station + '/' + one.session" :class="{ deleted: one.deleted }">
           <td class="is-chosen"><input type="checkbox" class="choose" :checked="chosen.includes(nameOf(one))" @change="choose(nameOf(one))"
-            :aria-label="'compare ' + (one.task || one.session)"></td>
+            :aria-label="'compare ' + named(one)"></td>
           <td v-for="[key, title] in columns" :key="key" :data-title="title" :class="['is-' + key, { alarm: key === 'gaps' && one.gaps > 0 }]">
-            <a v-if="key === 'task'" :href="one.href">{{ one.task || one.session }}</a>
+            <a v-if="key === 'task'" :href="one.href">{{ named(one) }}</a>
             <template v-else>{{ shown(key, one) }}</template></td>
         </tr></tbody></table>
       </div>
@@ -62,7 +63,8 @@ export default {
           (!this.success || String(one.success) === this.success) && words.every((word) => text.includes(word));
       });
       const sign = this.falling ? -1 : 1;
-      return rows.sort((a, b) => sign * order(a[this.by] ?? "", b[this.by] ?? ""));
+      const key = (one) => (this.by === "task" ? named(one) : one[this.by] ?? "");
+      return rows.sort((a, b) => sign * order(key(a), key(b)));
     },
     closed() {
       return this.found.filter((one) => one.closed);
@@ -84,6 +86,7 @@ export default {
     answered(message, failed) {
       Object.assign(this, { message, failed, asking: false });
     },
+    named,
     nameOf: (one) => `${one.station}/${one.session}`,
     choose(name) { // a third takes the place of the first
       this.chosen = this.chosen.includes(name) ? this.chosen.filter((one) => one !== name) : [...this.chosen, name].slice(-2);

@@ -128,6 +128,29 @@ def test_a_session_that_leaves_memory_is_not_shown_as_it_was_before_its_correcti
     assert gateway.world.update(held.station, held.session) is None
 
 
+@pytest.mark.parametrize("was_removed", [True, False])
+def test_a_session_whose_name_is_used_again_has_no_samples_of_the_one_before(
+    gateway, memory, answering, was_removed
+):
+    """The new one was stale until it was as long as the old one, whose samples were drawn in it."""
+    robot, key = memory.transport(), station_key(station(), "samples")
+    known = gateway.world.update(station())
+    robot.put(key, samples(500, session=known.session, t0=8.0))
+    eventually(lambda: station() in gateway.received)
+    if was_removed:
+        holds(answering)
+        answering.put(known.status.model_copy(update={"seq": 9, "state": "closed"}))
+        eventually(lambda: gateway.world.updates == {})
+    again = {"epoch": known.status.epoch + 1, "opened": known.status.opened + 600.0}
+    answering.snapshots = [snapshot(1, "motion", session=known.session, **again)]
+    answering.put(answering.snapshots[0].status)
+    eventually(lambda: (new := gateway.world.update(station())) and new.status.epoch == again["epoch"])
+    robot.put(key, samples(100, session=known.session))
+    eventually(lambda: station() in gateway.received and gateway.received[station()].t < 1.0)
+    drawn = gateway.samples(station(), known.session, SampleRange(0.0, 9.0, 100, ("px",)))
+    assert drawn.last == pytest.approx(0.099)
+
+
 def test_what_there_was_before_is_known(gateway):
     update = gateway.world.update(station())
     assert [one.kind for one in update.segments] == ["motion"]

@@ -185,6 +185,7 @@ class NetworkFollower(RepeatingThreads):
                 closed=world.closed + 1,
             )
         self._pages.clear()  # it may be on the first page now
+        self._forget_samples(*gone)
         self._look_up_current(gone[0])
         self._parallel.close(*gone)
         self._count_bridges(gone[0])
@@ -193,6 +194,10 @@ class NetworkFollower(RepeatingThreads):
         key = (update.station, update.session)
         known = self.world.updates
         seen = {key: self.clock(), **self.world.first_seen}
+        before = known.get(key)
+        if before is not None and before.status.opened != update.status.opened:  # its name is used again
+            self._forget_samples(*key)
+            seen[key] = self.clock()
         self._change(
             updates={**known, key: update}, first_seen=seen, closed=self.world.closed + update.closed
         )
@@ -202,6 +207,13 @@ class NetworkFollower(RepeatingThreads):
         self._count_bridges(update.station)
         if update.posterior is not None:
             self._keep_posterior(update.station, update.posterior)
+
+    def _forget_samples(self, station: str, session: str) -> None:
+        """Forget the newest samples of a session: another one may have its name, and begins at 0."""
+        ring = self._rings.get(station)
+        if ring is not None and ring.session == session:
+            self._rings.pop(station, None)
+            self.received.pop(station, None)
 
     def _count_bridges(self, station: str) -> None:
         """Record the sessions of a station that several bridges send at once."""
@@ -300,8 +312,9 @@ class NetworkFollower(RepeatingThreads):
 
     def _forget_longest_silent(self) -> None:
         """Evict the ring of the station that has been silent the longest; the journal has its samples."""
-        longest = min(self._rings, key=lambda name: self.received[name].at)
-        del self._rings[longest], self.received[longest]
+        longest, _ = min(tuple(self.received.items()), key=lambda one: one[1].at)
+        self._rings.pop(longest, None)
+        self.received.pop(longest, None)
 
     def _take_bridge_status(self, station: str, delivery: ReceivedSample) -> None:
         status = decode(delivery.payload, delivery.encoding, BridgeStatus)

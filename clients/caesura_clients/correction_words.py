@@ -27,6 +27,8 @@ from caesura_protocol.messages import (
 from caesura_protocol.number_words import counted, fixed
 from caesura_protocol.session_time_display import NO_OFFSET, SessionClock
 
+NOTHING_CHANGES = "Nothing changes."  # of an edit without an effect
+
 _WORDS: Mapping[str, str] = {
     "insert": "inserted a changepoint at {t} s",
     "remove": "removed the changepoint at {t} s",
@@ -171,7 +173,7 @@ def effect_words(effect: EditEffect, clock: SessionClock = NO_OFFSET) -> list[st
     said = [*segments, *_apps(effect, clock), *_phases(effect, clock)]
     if effect.more:
         said.append(f"{effect.more} segments, apps and phases are not listed")
-    return [f"{words[0].upper()}{words[1:]}." for words in said] or ["Nothing changes."]
+    return [f"{words[0].upper()}{words[1:]}." for words in said] or [NOTHING_CHANGES]
 
 
 def _phases(effect: EditEffect, clock: SessionClock) -> Iterator[str]:

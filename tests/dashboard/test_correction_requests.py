@@ -169,6 +169,7 @@ AT_GRID = EditEffect(
     ),
     first_app=0,
 )
+IN_VAIN = EditEffect(first_segment=1, first_app=0)  # where a changepoint is already
 INSERTED = Correction(number=4, author="Bob", at=0.0, action=Insert(t=1.39))
 
 
@@ -176,6 +177,8 @@ INSERTED = Correction(number=4, author="Bob", at=0.0, action=Insert(t=1.39))
     ("request_", "correction", "effect", "words"),
     [
         ({"do": "insert", "t": 1.39}, None, AT_GRID, "Changepoint inserted at 1.35 s."),
+        ({"do": "insert", "t": 1.39}, None, IN_VAIN, "Changepoint inserted at 1.39 s. Nothing changes."),
+        ({"do": "limit_force", "t": 1.39, "newton": None}, None, IN_VAIN, "The limit is gone."),
         ({"do": "redo"}, INSERTED, AT_GRID, "Done again: Bob inserted a changepoint at 1.35 s."),
         ({"do": "undo"}, INSERTED, "back", "Undone: Bob inserted a changepoint at 1.35 s."),
         (

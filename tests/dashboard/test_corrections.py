@@ -222,6 +222,9 @@ def test_everything_goes_without_a_mouse(operator: Operator):
     keyboard.press("Shift+ArrowRight")
     keyboard.press("ArrowLeft")
     keyboard.press("Escape")
+    for key in ("Delete", "m"):
+        keyboard.press(key)
+        operator.is_shown("No changepoint is selected: Page ↑ and Page ↓ select one.")
     keyboard.press("Control+z")
     operator.wire.until(lambda: operator.wire.taught() == before)
     operator.is_shown("Undone")

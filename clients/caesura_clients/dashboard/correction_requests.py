@@ -10,11 +10,22 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from caesura_clients.correction_words import effect_words, landed, moved_words, relabel_doubt
+from caesura_clients.correction_words import NOTHING_CHANGES, effect_words, landed, moved_words, relabel_doubt
 from caesura_clients.refusal_words import Refused, refusal_words
 from caesura_clients.session_corrections import is_stale, send
 from caesura_protocol.errors import CaesuraError, ProtocolError
-from caesura_protocol.messages import Ack, Action, Edit, EditProgram, LimitForce, Preview, Since
+from caesura_protocol.messages import (
+    Ack,
+    Action,
+    Edit,
+    EditProgram,
+    Insert,
+    LimitForce,
+    Move,
+    Preview,
+    Relabel,
+    Since,
+)
 from caesura_protocol.session_time_display import NO_OFFSET, SessionClock
 from caesura_protocol.transport.transport_interface import Transport
 from caesura_protocol.validation_words import first_finding
@@ -142,7 +153,12 @@ def done(edit: Edit, ack: Ack, clock: SessionClock = NO_OFFSET) -> str:
     values = action.model_dump()
     times = {name: clock.shown(values[name]) for name in ("t", "to") if name in values}
     words, moved = _DONE[action.do].format(**(values | times)), moved_words(action, ack, clock)
-    return f"{words.removesuffix('.')}: {moved}." if moved else words
+    if moved:
+        return f"{words.removesuffix('.')}: {moved}."
+    is_listed = isinstance(action, Insert | Move | Relabel)  # all that it may change
+    if is_listed and ack.effect is not None and effect_words(ack.effect) == [NOTHING_CHANGES]:
+        return f"{words} {NOTHING_CHANGES}"
+    return words
 
 
 _DONE: Mapping[str, str] = {

@@ -27,6 +27,7 @@ import { YScales } from "caesura-dashboard/y_scales.js";
 const requests = unanswered("correction");
 const UNANSWERED = "A correction was asked for before this page was loaded again, and no answer came: make it again if it is not listed below.";
 const OUTDATED = "Not done. The session has been corrected since: look at what is there now.";
+const UNSELECTED = "No changepoint is selected: Page ↑ and Page ↓ select one.";
 const HELD_COLUMNS = 3000; // of run lengths: five minutes
 const AUTHOR = "caesura-author", SHOWN = "caesura-signals";
 const ROUNDED = 5e-4; // [s] by which the times of rows are off
@@ -394,10 +395,12 @@ export default {
       if (this.cursor !== null) this.edit({ do: "insert", t: this.cursor });
     },
     remove() {
-      if (this.selected !== null) this.edit({ do: "remove", t: this.selected });
+      if (this.selected === null) return this.stateWhyNot(UNSELECTED);
+      this.edit({ do: "remove", t: this.selected });
     },
     move() {
-      if (this.selected !== null && this.cursor !== null) this.edit({ do: "move", t: this.selected, to: this.cursor });
+      if (this.selected === null) return this.stateWhyNot(UNSELECTED);
+      if (this.cursor !== null) this.edit({ do: "move", t: this.selected, to: this.cursor });
     },
   },
 };

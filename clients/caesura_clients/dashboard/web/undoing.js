@@ -38,16 +38,16 @@ export const undoing = {
   },
   methods: {
     undo() {
-      if (!this.canUndo) return this.stateNothing("undo");
+      if (!this.canUndo) return this.stateWhyNot("There is nothing to undo.");
       this.edit(this.undoAction, { undoes: true, number: this.toPutBack });
     },
     redo() {
-      if (!this.canRedo) return this.stateNothing("redo");
+      if (!this.canRedo) return this.stateWhyNot("There is nothing to redo.");
       this.edit(this.redoAction, { redoes: true, number: this.toTakeBack });
     },
-    stateNothing(what) { // of the last act nothing stays on the page: it would be the answer to this key
+    stateWhyNot(message) { // of the last act nothing stays on the page: it would be the answer to this key
       if (!this.editable || this.session === "" || this.busy) return;
-      Object.assign(this, { message: `There is nothing to ${what}.`, failed: false, refusedAt: null, relabelled: null, inList: false });
+      Object.assign(this, { message, failed: false, refusedAt: null, relabelled: null, inList: false });
     },
     acted() { // the service has made it: one revision more than was seen
       const { undoes, redoes, number, seen } = this.act, at = seen + 1;

@@ -117,7 +117,9 @@ def controls(world: DashboardState, station: str, *, may_operate: bool) -> dict[
     }
 
 
-ONLY_READS = "This dashboard only reads: start and stop need an operator's credentials."
+def only_reads(what: str) -> str:
+    """Return why a read-only dashboard refuses an act. what: the act, with `need` or `needs`."""
+    return f"This dashboard only reads: {what} an operator's credentials."
 
 
 def _why_not_start(
@@ -132,7 +134,7 @@ def _why_not_start(
     }
     reasons = (
         (station not in world.stations(), _unknown(world, station)),
-        (not may_operate, ONLY_READS),
+        (not may_operate, only_reads("start and stop need")),
         (station not in world.bridges, _without_bridge(world, station)),
         (
             status is None,

@@ -18,7 +18,7 @@ from nicegui import run, ui
 from nicegui.events import GenericEventArguments
 
 from caesura_clients.dashboard.correction_requests import EditRefused
-from caesura_clients.dashboard.demonstration_control import ONLY_READS
+from caesura_clients.dashboard.demonstration_control import only_reads
 from caesura_clients.dashboard.network_follower import NetworkFollower
 from caesura_clients.dashboard.nicegui_elements import RecordingDrop
 from caesura_clients.dashboard.pages.layout import Site, page, text
@@ -33,6 +33,7 @@ from caesura_protocol.robots import robot_names
 
 UPLOADS = "/uploads"
 TICK_S = 0.25
+ONLY_READS = only_reads("playing a recording needs")
 DEFAULT_STATION = "recordings"
 
 
@@ -40,7 +41,7 @@ def build(site: Site) -> None:
     """Build the page `/recordings`, for dropping and playing recordings."""
     with page("Recordings", "/recordings"):
         if site.recordings is None:
-            text("p", ONLY_READS.replace("start and stop", "to play a recording")).classes("empty")
+            text("p", ONLY_READS).classes("empty")
             return
         _Recordings(site, site.recordings)
 

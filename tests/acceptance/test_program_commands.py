@@ -71,6 +71,14 @@ def test_a_program_onto_a_full_disk_leaves_no_half_script(program, tmp_path, mon
     assert not list(tmp_path.glob("*program*"))
 
 
+def test_a_program_is_not_written_over_the_file_that_it_is_read_from(program: Path) -> None:
+    before = program.read_bytes()
+    done = caesura("program", "--file", program, "--speed", 0.5, "--format", "franky", "-o", program)
+    assert done.exit_code == 1
+    assert done.stderr == f"error: cannot write {program}: it is the file that is read; name another file\n"
+    assert program.read_bytes() == before
+
+
 def test_a_check_says_what_is_wrong_and_exits_with_1(program: Path, tmp_path: Path) -> None:
     assert caesura("check", program, "--scenario", "dispenser").exit_code == 0
     content = json.loads(program.read_text("utf-8"))

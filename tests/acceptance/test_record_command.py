@@ -15,12 +15,14 @@ import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
+from typer.testing import CliRunner
 
 from caesura_clients import Caesura, connect
 from caesura_clients.bridge import Bridge
 from caesura_protocol.formats.read import load_recording
 from caesura_service.offline_segmentation import segment_recording
 from clients.examples import LiveSource, samples
+from harness.commands import application
 from harness.processes import QUICK, RECORDING, SESSION, reaches, serving, started, teaching
 
 
@@ -38,6 +40,15 @@ def recording(caesura: Caesura, station: str, out: Path) -> Iterator[subprocess.
     with started([*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert "waiting for" in process.stderr.readline()
         yield process
+
+
+def test_a_recorded_demonstration_is_not_replaced(tmp_path):
+    out = tmp_path / "live.npz"
+    out.write_bytes(b"taught before")
+    done = CliRunner().invoke(application(), ["record", "--station", "cell-1", "-o", str(out)])
+    why = f"error: cannot write {out}: it exists; name another file, or move it away\n"
+    assert (done.exit_code, done.stderr) == (1, why)
+    assert out.read_bytes() == b"taught before"
 
 
 @pytest.mark.parametrize("suffix", ["mcap", "npz"])

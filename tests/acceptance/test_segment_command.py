@@ -42,6 +42,18 @@ def test_it_writes_segments_changepoints_and_program(tmp_path: Path):
     assert "move to contact" in done.output
 
 
+@pytest.mark.parametrize("words", [("segment", "--json"), ("export", "-o")])
+def test_the_recording_is_not_replaced_by_what_is_made_of_it(tmp_path: Path, words: tuple[str, str]):
+    """`segment a.npz --json a.npz` left JSON in its place, and an export onto itself dropped columns."""
+    file = recording(tmp_path / "a.npz", np.arange(0.0, 2.0, 0.01), temperature=np.full(200, 20.0))
+    before = file.read_bytes()
+    command, option = words
+    done = caesura(command, file, option, file)
+    why = f"error: cannot write {file}: it is the file that is read; name another file\n"
+    assert (done.exit_code, done.stderr) == (1, why)
+    assert file.read_bytes() == before
+
+
 @pytest.mark.parametrize(
     ("preset", "without", "is_said"),
     [("default", "gripper", True), ("default", "nothing", False), ("constant_velocity", "gripper", False)],

@@ -142,6 +142,21 @@ def test_other_formats_are_asked_about_wrench_and_hand_alone(tmp_path: Path):
     assert answered.options == {"wrench_source": "flange_sensor", "hand_on_robot": "no"}
 
 
+def test_a_mapping_that_exists_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture):
+    """Enter replaced one that had been edited by hand."""
+    file, kept, new = odd(tmp_path / "odd.csv"), tmp_path / "odd.toml", tmp_path / "new.toml"
+    kept.write_text("# edited by hand\n", encoding="utf-8")
+    answers = iter(["", str(kept), str(new)])
+    terminal = Terminal(Where="none")
+
+    def ask(words: str, default: str | None = None) -> str:
+        return next(answers) if words.startswith("Write") else terminal(words, default)
+
+    assert ask_about(file, ask).mapping == new
+    assert kept.read_text("utf-8") == "# edited by hand\n"
+    assert f"{kept} exists and is kept" in capsys.readouterr().out
+
+
 def test_without_a_terminal_nothing_is_asked(tmp_path: Path):
     with pytest.raises(SourceError, match="--ask needs a terminal"):
         ask_about(odd(tmp_path / "odd.csv"))

@@ -29,7 +29,7 @@ from caesura_clients.cli.options import (
 from caesura_clients.cli.program_speed import TAUGHT, KeepPause, Speed, at_speed
 from caesura_clients.cli.result_tables import apps_table, clock_lines, doubtful_apps, program_view
 from caesura_protocol.errors import CaesuraError
-from caesura_protocol.formats.write import whole_file
+from caesura_protocol.formats.write import check_not_read, whole_file
 from caesura_protocol.programs.apps_by_phase import renamed
 from caesura_protocol.programs.checks import document_findings, findings_beside_notes
 from caesura_protocol.programs.comparison import differences
@@ -119,6 +119,8 @@ def program(
             return timed(_in_cell(placed, cell, force_limit))
 
         if file is not None:
+            if out is not None:
+                check_not_read(out, [file])
             made = with_gripper(made_of(read_document(file)), gripper)
             if against is not None:
                 _compare(made, against, endpoint, config)

@@ -20,7 +20,7 @@ from caesura_clients.cli.connection_options import Config, Connect
 from caesura_clients.cli.options import connected, named, reported
 from caesura_clients.recorder import RecordedSession, Recorder, record
 from caesura_protocol.errors import CaesuraError
-from caesura_protocol.formats.write import WRITERS, check_writable
+from caesura_protocol.formats.write import WRITERS, check_new, check_writable
 from caesura_protocol.number_words import counted
 from caesura_protocol.package_version_and_extras import import_extra
 from caesura_protocol.transport.zenoh_transport import endpoint_of
@@ -43,6 +43,7 @@ def record_session(
     with reported():
         named(station)
         check_writable(out, ".mcap")
+        check_new(out)  # a demonstration cannot be recorded again
         if out.suffix == ".mcap":
             with import_extra("mcap", "writing .mcap"):  # looked for before the demonstration, not after it
                 import_module("caesura_protocol.formats.mcap_write")

@@ -85,13 +85,23 @@ def ask_about(path: Path, ask: Ask | None = None) -> Answered:
         typer.echo(f"  {number:3d}  {name:24s} {', '.join(row[number - 1] for row in layout.rows[:3])}, …")
     typer.echo(HELP)
     answers = ask_mapping(layout, ask)
-    out = path.with_suffix(".toml")
-    chosen = Path(ask("Write the answers to", default=str(out)))
+    chosen = _new_file(ask, path.with_suffix(".toml"))
     try:
         chosen.write_text(mapping_text(answers), encoding="utf-8")
     except OSError as error:
         raise SourceError(f"cannot write {chosen}: {error.strerror}") from error
     return Answered(chosen, {})
+
+
+def _new_file(ask: Ask, proposed: Path) -> Path:
+    """Ask for a file to write until there is none of that name: a mapping may have been edited by hand."""
+    if proposed.exists():
+        typer.echo(f"{proposed} exists and is kept; --mapping {proposed} reads it")
+    while True:
+        answer = ask("Write the answers to", default=None if proposed.exists() else str(proposed)).strip()
+        if answer and not Path(answer).exists():
+            return Path(answer)
+        typer.echo(f"{answer!r} exists: name a new file" if answer else f"{EMPTY} name a new file")
 
 
 def in_a_terminal() -> bool:

@@ -22,7 +22,7 @@ from caesura_lab.recording_warnings import without_confirmed
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.formats.mcap_schemas import TaskProgram
 from caesura_protocol.formats.read import load_recording, recordings_of
-from caesura_protocol.formats.write import WRITERS, check_writable
+from caesura_protocol.formats.write import WRITERS, check_not_read, check_writable
 from caesura_protocol.number_words import counted
 from caesura_protocol.package_version_and_extras import import_extra
 from caesura_protocol.recording import Recording
@@ -98,6 +98,7 @@ def _check_one(out: Path, files: Sequence[Path], dataset: DatasetOptions) -> Non
     if dataset != DatasetOptions():
         raise CaesuraError(f"{DATASET_OPTIONS} are for --format lerobot")
     check_writable(out, ".mcap")
+    check_not_read(out, files)
 
 
 def _check_names(files: Sequence[Path]) -> None:

@@ -131,7 +131,7 @@ def segment(
     """
     with reported():
         if json_out is not None:
-            check_output(json_out)
+            check_output(json_out, files)
         if threshold is not None and not 0.0 <= threshold <= 1.0:
             raise SourceError(f"--threshold is {threshold}, expected a probability between 0 and 1")
         found = recordings_of(files)

@@ -12,6 +12,7 @@ import typer
 
 from caesura_lab.commands.options import namesakes
 from caesura_protocol.errors import SourceError
+from caesura_protocol.formats.write import check_not_read
 from caesura_protocol.package_version_and_extras import installed_version
 from caesura_service.offline_segmentation import as_json
 from caesura_service.segmentation.pipeline_interface import PipelineView
@@ -19,10 +20,14 @@ from caesura_service.segmentation.pipeline_interface import PipelineView
 STDOUT = Path("-")
 
 
-def check_output(out: Path) -> None:
-    """Raise SourceError if the directory of the output does not exist."""
-    if out != STDOUT and not out.resolve().parent.is_dir():
+def check_output(out: Path, files: Sequence[Path]) -> None:
+    """Raise SourceError without a directory for the output, CaesuraError if it would replace a recording."""
+    if out == STDOUT:
+        return
+    if not out.resolve().parent.is_dir():
         raise SourceError(f"cannot write {out}: no such directory")
+    if not out.is_dir():
+        check_not_read(out, files)
 
 
 def outputs_of(files: Sequence[Path], out: Path | None) -> Mapping[Path, Path] | None:

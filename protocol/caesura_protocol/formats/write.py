@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -46,6 +46,18 @@ def write_npz(path: Path, recording: Recording) -> None:
 
 
 WRITERS: Mapping[str, Callable[[Path, Recording], None]] = {".npz": write_npz, ".csv": write_csv}
+
+
+def check_not_read(path: Path, read: Iterable[Path]) -> None:
+    """Raise CaesuraError if writing a file would replace one of those from which it is made."""
+    if path.exists() and any(one.exists() and path.samefile(one) for one in read):
+        raise CaesuraError(f"cannot write {path}: it is the file that is read; name another file")
+
+
+def check_new(path: Path) -> None:
+    """Raise CaesuraError if there is such a file already; a device such as /dev/stdout is none."""
+    if path.is_file():
+        raise CaesuraError(f"cannot write {path}: it exists; name another file, or move it away")
 
 
 def check_writable(path: Path, *others: str) -> None:

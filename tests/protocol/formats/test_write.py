@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 
 from caesura_protocol.errors import CaesuraError
-from caesura_protocol.formats.write import WRITERS, check_writable, whole_file
+from caesura_protocol.formats.write import (
+    WRITERS,
+    check_new,
+    check_not_read,
+    check_writable,
+    whole_file,
+)
 from caesura_protocol.recording import Recording
 from clients.examples import recording
 
@@ -27,6 +33,24 @@ def test_what_cannot_be_written_is_named(tmp_path: Path, name: str, why: str):
     (tmp_path / "folder.npz").mkdir()
     with pytest.raises(CaesuraError, match=f"cannot write .*{name}: {why}"):
         check_writable(tmp_path / name)
+
+
+def test_what_is_read_is_not_replaced_by_what_is_made_of_it(tmp_path: Path):
+    file, link = tmp_path / "x.npz", tmp_path / "link.npz"
+    check_not_read(tmp_path / "new.npz", [file])
+    file.write_bytes(b"taught")
+    link.symlink_to(file)
+    for out in (file, link, tmp_path / "." / "x.npz"):
+        with pytest.raises(CaesuraError, match="npz: it is the file that is read; name another file"):
+            check_not_read(out, [tmp_path / "absent.npz", file])
+
+
+def test_a_file_that_exists_is_not_new(tmp_path: Path):
+    check_new(tmp_path / "x.npz")
+    check_new(Path(os.devnull))
+    (tmp_path / "x.npz").write_bytes(b"taught")
+    with pytest.raises(CaesuraError, match="it exists; name another file, or move it away"):
+        check_new(tmp_path / "x.npz")
 
 
 @pytest.mark.parametrize("name", ["x.npz", "x.csv"])

@@ -448,7 +448,8 @@ def _judged(
 def _with_progress(results: Iterator[R], of: Sized) -> Iterator[R]:
     """Yield the results, with a progress bar."""
     columns = (*Progress.get_default_columns(), MofNCompleteColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         yield from progress.track(results, total=len(of), description="judging")
 
 
@@ -463,7 +464,8 @@ def _warn(verdicts: Sequence[Verdict]) -> None:
 def _title(suite_name: str | None, cases: Sequence[Case], least_s: float) -> str:
     what = f"suite {suite_name}" if suite_name else "files"
     least = f", at least {least_s:g} s" if least_s else ""
-    return f"{what}: {counted(len(cases), 'recording')}, each point's own tolerance{least}; 95 % intervals"
+    intervals = "; 95 % intervals" if len(cases) > 1 else ""
+    return f"{what}: {counted(len(cases), 'recording')}, each point's own tolerance{least}{intervals}"
 
 
 def _write(page: ResultPage, output_format: Format, out: Path | None) -> None:

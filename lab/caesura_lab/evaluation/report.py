@@ -208,9 +208,11 @@ def _margins(
 
 
 def format_estimate(estimate: Estimate, digits: int) -> tuple[str, str]:
-    """Return a value and its interval as text; a dash without a value."""
+    """Return a value and its interval as text; a dash without a value, nothing without an interval."""
     if math.isnan(estimate.value):
         return "–", ""
+    if math.isnan(estimate.low):
+        return f"{estimate.value:.{digits}f}", ""
     return f"{estimate.value:.{digits}f}", f"{estimate.low:.{digits}f}…{estimate.high:.{digits}f}"
 
 

@@ -36,10 +36,13 @@ def judge(
 ) -> list[Verdict]:
     """Apply all methods to one case, once each, and score their results under every tolerance.
 
-    Raises TruthError or RecordingError for a case that cannot be loaded.
+    Raises TruthError or RecordingError for a case that cannot be loaded or conditioned.
     """
     recording, truth = case.load()
-    rest = "rests first" if grid_signals(recording).tared else "does not rest first"
+    try:
+        rest = "rests first" if grid_signals(recording).tared else "does not rest first"
+    except ValueError as error:  # no observations, or a frame of the force that cannot be turned
+        raise RecordingError(f"{case.name}: {str(error).removeprefix(f'{recording.name}: ')}") from error
     groups = tuple(dict.fromkeys(filter(None, (truth.robot, case.group))))
     about: dict[str, Any] = {
         "tags": (*case.tags, rest),

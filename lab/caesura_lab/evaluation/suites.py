@@ -78,6 +78,7 @@ class ReadingOptions(NamedTuple):
 
 
 AS_STATED = ReadingOptions()
+WINDOW_SLACK_S = 0.1  # an observation, by which a window may exceed its recording
 
 
 @dataclass(frozen=True)
@@ -117,10 +118,11 @@ class FileCase:
             self.path, wrench_source=self._asked_source(truth), **self.reading._asdict()
         )
         first, last = float(recording.t.min()), float(recording.t.max())
-        if truth.window[1] <= first or truth.window[0] >= last:
+        if truth.window[0] < first - WINDOW_SLACK_S or truth.window[1] > last + WINDOW_SLACK_S:
             window = f"window is [{truth.window[0]:g}, {truth.window[1]:g}] s"
             raise TruthError(
-                f"{truth.name}: {window}, and the recording lasts from {first:.10g} to {last:.10g} s"
+                f"{truth.name}: {window}, expected a window within the recording, which lasts from "
+                f"{first:.10g} to {last:.10g} s"
             )
         return with_declarations(recording, truth), replace(truth, name=self.name)
 

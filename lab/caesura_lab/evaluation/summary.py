@@ -24,7 +24,7 @@ COVERAGE = 0.95
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value and its interval; n: number of cases. A value of nan: no cases."""
+    """A value and its interval; n: number of cases. Value of nan: no cases; interval of nan: one subject."""
 
     value: float
     low: float
@@ -53,8 +53,12 @@ def summarise(
 
     only: names of measures, None for all.
     """
-    weights = _weights(list(map(_subject, scores)), resamples, seed)
-    return {measure.name: _estimate(*measure.estimates_of(scores, weights)) for measure in _measures(only)}
+    subjects = list(map(_subject, scores))
+    weights = _weights(subjects, resamples, seed)
+    return {
+        measure.name: _estimate(*measure.estimates_of(scores, weights), subjects)
+        for measure in _measures(only)
+    }
 
 
 def margins(
@@ -74,14 +78,15 @@ def margins(
         {score.recording: score for score in scores} for scores in (own, others)
     )
     names = sorted(set(own_by_recording) & set(other_by_recording))
-    weights = _weights([_subject(own_by_recording[name]) for name in names], resamples, seed)
+    subjects = [_subject(own_by_recording[name]) for name in names]
+    weights = _weights(subjects, resamples, seed)
     differences = {}
     for measure in _measures(only):
         (a, n), (b, m) = (
             measure.estimates_of([scores[name] for name in names], weights)
             for scores in (own_by_recording, other_by_recording)
         )
-        differences[measure.name] = _estimate(a - b, min(n, m))
+        differences[measure.name] = _estimate(a - b, min(n, m), subjects)
     return differences
 
 
@@ -104,11 +109,16 @@ def _weights(subjects: Sequence[str], resamples: int, seed: int) -> Array:
     return np.vstack([np.ones(len(subjects)), draws[:, [number[subject] for subject in subjects]]])
 
 
-def _estimate(values: Array, n: int) -> Estimate:
-    """Return an estimate: the first value is that of the recordings, all others are of resamples."""
+def _estimate(values: Array, n: int, subjects: Sequence[str]) -> Estimate:
+    """Return an estimate: the first value is that of the recordings, all others are of resamples.
+
+    One subject alone shows no scatter, so it has no interval.
+    """
     sound = values[1:][np.isfinite(values[1:])]
     if n == 0 or not sound.size:
         return Estimate(float("nan"), float("nan"), float("nan"), n)
+    if len(set(subjects)) == 1:
+        return Estimate(float(values[0]), float("nan"), float("nan"), n)
     low, high = np.quantile(sound, [(1 - COVERAGE) / 2, (1 + COVERAGE) / 2])
     return Estimate(float(values[0]), float(low), float(high), n)
 

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import typer
 from typer.testing import CliRunner
@@ -193,10 +194,30 @@ def test_a_recording_of_another_time_than_its_annotation_is_refused(tmp_path: Pa
     recording = load_recording(BUTTON)
     replace(recording, t=recording.t + 1e6).save(tmp_path / "x.npz")
     shutil.copy(truth_file(BUTTON), tmp_path / "x.ann.json")
-    with pytest.raises(
-        TruthError, match=r"window is \[0, 11.799\] s, and the recording lasts from 1000000 to 1"
-    ):
+    expected = (
+        r"window is \[0, 11.799\] s, expected a window within the recording, which lasts from 1000000 to 1"
+    )
+    with pytest.raises(TruthError, match=expected):
         FileCase(tmp_path / "x.npz").load()
+
+
+def test_a_window_that_goes_on_after_its_recording_is_refused(tmp_path: Path):
+    """Time without samples counted as one segment that was found: covering rose from 0.31 to 0.91."""
+    shutil.copy(BUTTON, tmp_path / "x.npz")
+    content = json.loads(truth_file(BUTTON).read_text())
+    (tmp_path / "x.ann.json").write_text(json.dumps(content | {"window": [0.0, 99.0]}))
+    with pytest.raises(TruthError, match=r"window is \[0, 99\] s, expected a window within the recording"):
+        FileCase(tmp_path / "x.npz").load()
+
+
+def test_a_recording_that_cannot_be_conditioned_is_one_line(tmp_path: Path):
+    """It was a traceback."""
+    with np.load(BUTTON) as taught:
+        np.savez(tmp_path / "x.npz", **{key: taught[key] for key in ("t", "pos", "force", "wrench_source")})
+    shutil.copy(truth_file(BUTTON), tmp_path / "x.ann.json")
+    result = run(tmp_path / "x.npz", "--no-baselines", "--force-frame", "flange")
+    assert result.exit_code == 1
+    assert result.stderr.startswith("error: x.npz: force_frame is 'flange' without orientation, expected")
 
 
 def test_an_annotation_that_is_no_json_is_refused(tmp_path: Path):

@@ -9,7 +9,7 @@ import pytest
 
 from caesura_lab.evaluation.error_analysis import error_summary
 from caesura_lab.evaluation.metrics import TimedEstimate
-from caesura_lab.evaluation.report import report
+from caesura_lab.evaluation.report import format_estimate, report
 from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation, score
 from caesura_lab.evaluation.summary import margins, summarise
 from caesura_lab.evaluation.tables import as_markdown
@@ -139,12 +139,24 @@ def test_delays_are_from_the_truth_to_when_it_was_said_for_good():
 
 def test_a_summary_has_an_interval_about_its_value_and_is_the_same_each_time():
     good, bad = (score("mine", TRUTH, FoundSegmentation(times, PARTS)) for times in ((2.0, 4.0, 8.0), (1.0,)))
-    numbers = summarise([good, good, bad])
+    people = [replace(one, subject=name) for one, name in ((good, "a"), (good, "b"), (bad, "c"))]
+    numbers = summarise(people)
     recall = numbers["recall"]
     assert recall.value == pytest.approx(6 / 9)
     assert 0.0 <= recall.low <= recall.value <= recall.high <= 1.0
-    assert repr(summarise([good, good, bad])) == repr(numbers)  # nan is no equal of itself
+    assert repr(summarise(people)) == repr(numbers)  # nan is no equal of itself
     assert summarise([good, good])["f1"].value == 1.0
+
+
+def test_one_subject_has_no_interval():
+    """All resamples of it are the same, so 0.67…0.67 stood below its value as a 95 % interval."""
+    one = score("mine", TRUTH, FoundSegmentation((2.0, 4.0), PARTS))
+    for numbers in (summarise([one, one]), margins([one], [one])):
+        recall = numbers["recall"]
+        assert math.isfinite(recall.value)
+        assert math.isnan(recall.low)
+        assert math.isnan(recall.high)
+    assert format_estimate(summarise([one])["recall"], 2) == ("0.67", "")
 
 
 def test_a_margin_is_taken_recording_by_recording():

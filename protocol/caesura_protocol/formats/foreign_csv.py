@@ -79,6 +79,7 @@ class ColumnRule(NamedTuple):
     column: str
     source_column: str
     factor: float
+    has_unit: bool = False
 
 
 class CsvTable(NamedTuple):
@@ -121,7 +122,13 @@ def read_foreign_csv(path: Path, mapped: ColumnMapping) -> RawRecording:
     arrays |= _turned(mapped, column)
     ignored = [*contradicted, *(name for name in table.header if name not in used)]
     return RawRecording(
-        arrays, options, ignored, tuple(assumed), tuple(table.numbers), has_calendar_time=is_dated
+        arrays,
+        options,
+        ignored,
+        tuple(assumed),
+        tuple(table.numbers),
+        has_calendar_time=is_dated,
+        mapped_units=frozenset(SIGNAL_OF_COLUMN[rule.column] for rule in rules if rule.has_unit),
     )
 
 
@@ -197,7 +204,8 @@ def _rule(mapped: ColumnMapping, column: str, entry: Any, length_unit: str) -> C
     factor = units[unit]
     if "unit" in entry and SIGNAL_OF_COLUMN[column] == "pos":  # the rest of pos may be in another unit
         factor /= METRES[length_unit]
-    return ColumnRule(column, str(entry["column"]), factor * _scale(mapped, where, entry.get("scale", 1.0)))
+    factor *= _scale(mapped, where, entry.get("scale", 1.0))
+    return ColumnRule(column, str(entry["column"]), factor, "unit" in entry)
 
 
 def _scale(mapped: ColumnMapping, where: str, entry: Any) -> float:

@@ -22,7 +22,8 @@ class RawRecording(NamedTuple):
 
     Signals by name, including `t`: (n,) or (n, width); options by name; names of other content. assumed: the
     reader's assumptions about what the file leaves open, one sentence each; lines: line numbers of the
-    samples in a text file; has_calendar_time: whether the file has times of day, to which no unit applies.
+    samples in a text file; has_calendar_time: whether the file has times of day, to which no unit applies;
+    mapped_units: signals whose unit the mapping states, so that they are converted already.
     """
 
     arrays: dict[str, Array]
@@ -31,3 +32,4 @@ class RawRecording(NamedTuple):
     assumed: tuple[str, ...] = ()
     lines: tuple[int, ...] = ()
     has_calendar_time: bool = False
+    mapped_units: frozenset[str] = frozenset()

@@ -166,12 +166,21 @@ def _assumed_of(signals: Mapping[str, Array], *, assumes_frame: bool) -> Iterato
 
 
 def _convert(path: Path, raw: RawRecording, stated: Mapping[Quantity, str]) -> None:
-    """Convert arrays to Caesura's units, in place. Raises RecordingError for a unit of times of day."""
+    """Convert arrays to Caesura's units, in place.
+
+    Raises RecordingError for a unit of times of day, and for one of a signal whose unit the mapping states.
+    """
     if raw.has_calendar_time and "time" in stated:
         raise RecordingError(
             f"{path}: --time-unit {stated['time']} is for times that are numbers, and this file has times of "
             "day: leave it out"
         )
+    for quantity, name in (*_CONVERTED.items(), ("length", "pos")):
+        if quantity in stated and name in raw.mapped_units:
+            raise RecordingError(
+                f"--{quantity}-unit {stated[quantity]} does not fit {path.name}: the mapping states the unit "
+                f"of {name}, which is converted. Leave the option out, or mend the mapping"
+            )
     for quantity, name in _CONVERTED.items():
         if quantity in stated and name in raw.arrays:
             raw.arrays[name] = raw.arrays[name] * UNITS[quantity][stated[quantity]]

@@ -109,7 +109,7 @@ def read_safety(path: Path) -> Safety:
     Raises CaesuraError.
     """
     try:
-        return Safety.model_validate_json(path.read_text(encoding="utf-8"))
+        return Safety.model_validate_json(path.read_bytes())
     except OSError as error:
         raise CaesuraError(f"cannot read {path}: {error.strerror}") from error
     except ValidationError as error:

@@ -80,6 +80,24 @@ def test_positions_without_a_unit_stay_in_the_unit_of_the_file(files):
     assert recording.signals["pos"][1].tolist() == [501.0, 0.0, 250.0]
 
 
+@pytest.mark.parametrize(
+    ("option", "unit"),
+    [("length_unit", "mm"), ("length_unit", "m"), ("time_unit", "ms"), ("angle_unit", "deg")],
+)
+def test_a_unit_that_the_mapping_states_is_not_stated_again(files, option, unit):
+    """Positions were read as 1000 times smaller with `--length-unit mm`, and times as ms of seconds."""
+    log, how = files()
+    words = rf"--{option.replace('_', '-')} {unit} does not fit log\.csv: the mapping states the unit of"
+    with pytest.raises(RecordingError, match=words):
+        load_recording(log, mapping=how, **{option: unit})
+
+
+def test_a_unit_that_the_mapping_leaves_open_is_stated_by_an_option(files):
+    log, how = files()
+    found = load_recording(log, mapping=how, force_unit="kN")
+    np.testing.assert_allclose(found.signals["force"], [[1500.0, 0.0, 9810.0]] * 2)
+
+
 def test_without_a_header_columns_have_numbers(files):
     recording = read(files, "0,1,2,3\n1,4,5,6\n", "[time]\ncolumn = 1\n[columns]\npx = 2\npy = 3\npz = 4\n")
     assert recording.t.tolist() == [0.0, 1.0]

@@ -41,6 +41,13 @@ def test_a_wrong_cell_is_named_with_field_value_and_limit(tmp_path, text, said):
     assert str(refused.value).startswith(f"{tmp_path / 'cell.json'}: {said}")
 
 
+def test_a_cell_that_is_no_text_is_named(tmp_path):
+    """`--cell demonstration.npz` was a traceback."""
+    (tmp_path / "cell.json").write_bytes(b"PK\x03\x04\xff\xfe")
+    with pytest.raises(CaesuraError, match=r"cell\.json: no readable JSON"):
+        read_safety(tmp_path / "cell.json")
+
+
 def test_every_limit_of_a_cell_is_in_the_docs():
     page = (Path(__file__).parents[3] / "docs" / "programs.md").read_text(encoding="utf-8")
     table = page.split("## Limits of a cell")[1].split("\n## ")[0]

@@ -140,7 +140,7 @@ def snapshot(
 
     found = _confirmed(transport, station, ask)
     if not found:
-        raise _not_found(transport, f"station {station!r} has no session {name or ''}".rstrip())
+        raise _not_found(transport, f"station {station!r} has no session {name or ''}".rstrip(), station)
     # Without a program the newest session is an open one, or else the last by name.
     return max(found, key=lambda one: (one.status.state == "open", one.status.session))
 
@@ -170,7 +170,7 @@ def program_at_edit(transport: Transport, station: str, session: str, number: in
 
     found = _confirmed(transport, station, ask)
     if not found:
-        raise _not_found(transport, f"station {station!r} has no session {session}")
+        raise _not_found(transport, f"station {station!r} has no session {session}", station)
     version = max(found, key=_rank).program
     if version.edit_revision != number:
         raise CaesuraError(f"the service of {station} states no version of a program: update it")
@@ -208,7 +208,7 @@ def samples(
 
     if found := _confirmed(transport, station, ask):
         return max(found, key=lambda one: one.epoch)
-    raise _not_found(transport, f"no samples of session {station}/{session}")
+    raise _not_found(transport, f"no samples of session {station}/{session}", station)
 
 
 def current_sessions(transport: Transport, station: str = "*") -> dict[str, str]:
@@ -573,12 +573,17 @@ def no_service(transport: Transport) -> Unreachable:
     )
 
 
-def _not_found(transport: Transport, what: str) -> NotFound:
+def _not_found(transport: Transport, what: str, station: str | None = None) -> NotFound:
+    """Return the error, with the sessions of the station, or the stations if it is None or has no session."""
     _require_service(transport)
     try:
-        known = _listed({one.status.station for one in snapshots(transport)})
+        held = [one.status for one in snapshots(transport)]
     except (AccessDenied, ProtocolError):
         known = "not known"  # a bridge may ask for its own station alone
+    else:
+        if sessions := {one.session for one in held if one.station == station}:
+            return NotFound(f"{what}; its newest sessions: {_listed(sessions)}")
+        known = _listed({one.station for one in held})
     return NotFound(f"{what}; stations with sessions: {known}; with a bridge: {_listed(stations(transport))}")
 
 

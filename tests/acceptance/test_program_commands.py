@@ -198,6 +198,23 @@ def test_misuse_is_one_line(words: tuple[str, ...], said: str, program: Path) ->
     assert len(done.output.strip().splitlines()) == 1
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--session", "s1"), "--session is for a program of the service"),
+        (("--station", "cell-1"), "--station is for a program of the service"),
+        (("--inferred",), "--inferred is for a program of the service"),
+        (("--json",), "--json is for a program of the service"),
+        (("--against", "other.json", "-o", "differences.txt"), "--against prints the differences"),
+    ],
+)
+def test_an_option_without_effect_is_refused(words: tuple[str, ...], said: str, program: Path) -> None:
+    done = caesura("program", "--file", program, *words)
+    assert done.exit_code == 1
+    assert done.stderr.startswith(f"error: {said}")
+    assert done.stdout == ""
+
+
 def test_a_file_that_is_no_program_is_named(tmp_path: Path) -> None:
     path = tmp_path / "no.json"
     path.write_text("{}", encoding="utf-8")

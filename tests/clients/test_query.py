@@ -112,7 +112,8 @@ def test_what_is_absent_is_said_together_with_what_there_is(caesura, service, ne
             ):
                 ask()
         assert caesura.stations() == ["cell-8"]
-    with pytest.raises(NotFound, match="no session nothing"):
+    service.snapshots = [snapshot(0, station="cell-7", session=name) for name in ("s2", "s1")]
+    with pytest.raises(NotFound, match=r"'cell-7' has no session nothing; its newest sessions: s1, s2$"):
         caesura.snapshot("cell-7", "nothing")
 
 

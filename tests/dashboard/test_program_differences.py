@@ -183,4 +183,5 @@ def test_an_operator_compares_versions_by_keyboard_and_after_a_restart(opened: V
         assert against("6") == "no differences from cell-1/over@6\n"
         assert "program: name 'Press the pump', was none" in against("0")
         assert "without what was app 1 (move to contact)" in against("2")
+        assert "cell-1/over@9: the newest edit of the program is 8" in against("9")
         assert "'x' is no number of an edit, expected as cell-1/over@3" in against("x")

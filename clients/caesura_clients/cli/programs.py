@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
@@ -109,6 +109,7 @@ def program(
     --json prints the message as on the wire, --format json a document of its own (docs/programs.md).
     """
     with reported():
+        _check_output(against, out)
         timed = partial(at_speed, speed=speed, keeps_pause=[number - 1 for number in keep_pause or ()])
         if as_json and not (speed == TAUGHT and robot is None):
             option = "--robot" if robot is not None else "--speed"
@@ -119,8 +120,8 @@ def program(
             return timed(_in_cell(placed, cell, force_limit))
 
         if file is not None:
-            if out is not None:
-                check_not_read(out, [file])
+            of_service = {"--station": station, "--session": session, "--inferred": inferred}
+            _check_file_options(of_service | {"--json": as_json}, file, out)
             made = with_gripper(made_of(read_document(file)), gripper)
             if against is not None:
                 _compare(made, against, endpoint, config)
@@ -149,6 +150,21 @@ def program(
             write_program(_named(made, name_group), output_format, out, clock)
 
 
+def _check_output(against: str | None, out: Path | None) -> None:
+    """Raise CaesuraError for a file that would not be written."""
+    if against is not None and out is not None:
+        raise CaesuraError("--against prints the differences, and -o writes a program: leave out one of them")
+
+
+def _check_file_options(of_service: Mapping[str, object], file: Path, out: Path | None) -> None:
+    """Raise CaesuraError for a stated option that has no effect on a file, or an output onto the file."""
+    for option, value in of_service.items():
+        if value:
+            raise CaesuraError(f"{option} is for a program of the service: leave out {option} or --file")
+    if out is not None:
+        check_not_read(out, [file])
+
+
 def _compare(made: ProgramFile, against: str, endpoint: str | None, config: Path | None) -> None:
     """Print the differences between a program and the one of a file or a session."""
     station, separator, session = against.partition("/")
@@ -158,10 +174,11 @@ def _compare(made: ProgramFile, against: str, endpoint: str | None, config: Path
             if at and not number.isdecimal():
                 expected = f"{station}/{name}@3"
                 raise CaesuraError(f"{against}: {number!r} is no number of an edit, expected as {expected}")
+            newest = caesura.snapshot(station, name).program
+            if at and int(number) > newest.edit_revision:
+                raise CaesuraError(f"{against}: the newest edit of the program is {newest.edit_revision}")
             other = document(
-                query.program_at_edit(caesura.transport, station, name, int(number))
-                if at
-                else caesura.snapshot(station, name).program
+                query.program_at_edit(caesura.transport, station, name, int(number)) if at else newest
             )
     else:
         other = read_document(Path(against))

@@ -21,6 +21,7 @@ from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import JOINTS_MOST, Name, WrenchSource
 from caesura_protocol.robots.grippers import GripperDescription
 from caesura_protocol.robots.grippers import gripper as named_gripper
+from caesura_protocol.validation_words import first_finding
 
 ENTRY_POINTS = "caesura.robots"  # name → a function without arguments that returns the path of a robot.json
 SHIPPED = Path(__file__).parent
@@ -220,9 +221,9 @@ def _found(error: ValidationError) -> str:
     errors = error.errors()
     if missing := [str(one["loc"][0]) for one in errors if one["type"] == "missing" and len(one["loc"]) == 1]:
         return f"has no {', '.join(missing)}; docs/robots.md, A new arm, has every field with its unit"
-    first = errors[0]
-    where = ".".join(map(str, first["loc"])) or "the description"
-    return f"{where}: {first['msg']}, got {str(first['input'])[:80]}"
+    if not errors[0]["loc"]:  # fields that do not fit each other, which the text names
+        return errors[0]["msg"].removeprefix("Value error, ")
+    return first_finding(error, RobotDescription.model_fields)
 
 
 def _check_size(path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -79,7 +79,8 @@ def judge(probed: ProbeResult, station: str = "*") -> Iterator[CheckResult]:
 
 def examine_recording(recording: Recording) -> Iterator[CheckResult]:
     """Yield the checks of a recording, with its samples in file order."""
-    units = list(signal_checks.check_units(recording))
+    unordered = _refused(recording, check_time_steps)  # whose steps are no sign of a unit
+    units = [] if unordered else list(signal_checks.check_units(recording))
     yield from units
     if units:
         return  # figures in a wrong unit mean nothing
@@ -88,7 +89,7 @@ def examine_recording(recording: Recording) -> Iterator[CheckResult]:
     for assumed in recording.assumed:
         compared = " " + COMPARED if assumed == ASSUMED_ORDER and "q" in recording.signals else ""
         yield graded("reading", assumed + compared)
-    if (refused := _refused_clock(recording)) is not None:
+    if (refused := unordered or _refused(recording, check_clock)) is not None:
         yield refused  # no sample is left out of a file that is refused, and its rate means nothing
     else:
         for caution in recording.cautions:
@@ -102,11 +103,10 @@ def examine_recording(recording: Recording) -> Iterator[CheckResult]:
     yield from signal_checks.check_bias(None if force is None else np.asarray(force[start].mean(axis=0)))
 
 
-def _refused_clock(recording: Recording) -> CheckResult | None:
+def _refused(recording: Recording, check: Callable[[Recording], None]) -> CheckResult | None:
     """Return the failed check of a recording whose times `segment` and `bridge` refuse; None if accepted."""
     try:
-        check_time_steps(recording)
-        check_clock(recording)
+        check(recording)
     except RecordingError as error:
         found, _, remedy = str(error).removeprefix(f"{recording.name}: ").partition("; ")
         return CheckResult("bad", "clock", found, f"{remedy}: the file is refused as it is")

@@ -21,6 +21,7 @@ QUATERNION_NORM = 1e-3  # by which that of a quaternion with few digits differs 
 SHOWN = 3  # steps back that are listed
 FAR_S = 1e6  # from here on times are shown from the first sample on: six digits do not separate them
 REPEATED_SHARE = 0.1
+UNSORTED_SHARE = 0.1
 MOST_STRAY = 3  # samples that follow each other
 LEVEL = 2 * MOST_STRAY + 1  # samples whose median is where a place is, though some of them stray
 WIDEST_FINGERS_M = 0.3  # that a column of openings has; a share of an opening reaches 1
@@ -45,8 +46,17 @@ def check_values(recording: Recording) -> None:
 
 
 def check_time_steps(recording: Recording) -> None:
-    """Raise RecordingError if most samples have the time of the one before, as in whole seconds."""
+    """Raise RecordingError if most samples have the time of the one before, as in whole seconds, or if the
+    samples are not in the order of time: their steps are then no sign of a unit.
+    """
     t = recording.t
+    earlier = t[1:] < t[:-1]
+    if t.size >= LEAST_SAMPLES and earlier.mean() > UNSORTED_SHARE:
+        row = int(earlier.argmax()) + 1
+        raise RecordingError(
+            f"{recording.name}: {recording.place(row)}: t is {t[row]:.10g} after {t[row - 1]:.10g}, and "
+            f"{earlier.sum()} of {t.size} samples are earlier than the one before; sort the samples by t"
+        )
     repeated = t[1:] == t[:-1]
     if (
         t.size >= LEAST_SAMPLES

@@ -110,6 +110,10 @@ def replaced(name: str, row: int, value: object) -> np.ndarray:
                 "expected a time of its own for each: write the fractions of a second too",
             ),
         ),
+        (  # "samples are 1.2 s apart: probably in ms"
+            {"t": np.random.default_rng(0).permutation(arrays()["t"])},
+            ("samples are earlier than the one before; sort the samples by t", "of 200 samples"),
+        ),
         (
             {"gripper": np.full(200, 228.0)},
             ("sample 0: gripper is 228, expected an opening", "counts of a gripper?"),

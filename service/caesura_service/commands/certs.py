@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from caesura_protocol.transport.default_endpoint import endpoint_error
 from caesura_service.security.certificates import SecurityError
 from caesura_service.security.credential_store import CredentialStore, IssueRequest, identities
 from caesura_service.security.roles import Identity, Role
@@ -62,6 +63,7 @@ def certs(
     }
     kept = CredentialStore(directory)
     try:
+        _check(directory, listen)
         for label in revoke or ():
             kept.revoke(label)
         kept.issue(IssueRequest(list(_holders(asked)), renew or (), host or (), listen, days, passwords))
@@ -69,6 +71,14 @@ def certs(
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(1) from error
     _print_summary(kept)
+
+
+def _check(directory: Path, listen: str | None) -> None:
+    """Raise SecurityError for a file in place of a directory, and for what is no endpoint."""
+    if directory.exists() and not directory.is_dir():
+        raise SecurityError(f"{directory} is a file, expected a directory")
+    if listen is not None and (wrong := endpoint_error(listen)) is not None:
+        raise SecurityError(f"--listen: {wrong}")
 
 
 def _holders(asked: dict[Role, _Names]) -> Iterable[Identity]:

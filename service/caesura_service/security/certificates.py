@@ -7,6 +7,7 @@ station's certificate does not let its holder pose as the router.
 from __future__ import annotations
 
 import ipaddress
+import re
 import secrets
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 AUTHORITY_DAYS = 3650
 CLOCKS_APART = timedelta(days=1)  # a robot whose clock is behind by less accepts a new certificate
 MAX_COMMON_NAME = 64  # RFC 5280, ub-common-name
+_HOST_NAME = re.compile(r"(\*\.)?[A-Za-z0-9_]([A-Za-z0-9_.-]*[A-Za-z0-9_])?")
 
 
 class SecurityError(Exception):
@@ -150,10 +152,12 @@ def _general_name(host: str) -> x509.GeneralName:
         return x509.IPAddress(ipaddress.ip_address(host))
     except ValueError:
         pass
-    try:
-        return x509.DNSName(host)
-    except ValueError as error:
-        raise SecurityError(f"host {host!r} is neither a name in ASCII nor an address") from error
+    if _HOST_NAME.fullmatch(host) is None:
+        raise SecurityError(
+            f"host {host!r} is neither a name in ASCII nor an address: expected one such as router.plant, "
+            "192.168.1.10 or ::1, without a port"
+        )
+    return x509.DNSName(host)
 
 
 def _usage(*, signs_certificates: bool) -> x509.KeyUsage:

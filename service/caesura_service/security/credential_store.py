@@ -115,9 +115,10 @@ class CredentialStore:
         complete = kept is not None and set(hosts) <= set(hosts_of(kept.certificate))
         if kept is not None and complete and ROUTER not in wanted.renew:
             return kept
+        issued = issue_router(authority, ROUTER, hosts, wanted.days)
         for suffix in ("crt", "key"):  # no right depends on it
             self._file(ROUTER, suffix).unlink(missing_ok=True)
-        return self._store(ROUTER, issue_router(authority, ROUTER, hosts, wanted.days))
+        return self._store(ROUTER, issued)
 
     def _hosts(self, wanted: IssueRequest) -> list[str]:
         """Return the requested hosts, those of the current certificate, and this machine."""

@@ -105,6 +105,39 @@ def test_where_to_listen_and_the_hosts_are_remembered(tmp_path):
     }
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--listen", "foo"), "error: --listen: 'foo' is no endpoint: write it as tcp/"),
+        (
+            ("--listen", "tls/0.0.0.0:99999"),
+            "error: --listen: endpoint 'tls/0.0.0.0:99999': port 99999, expected 0",
+        ),
+        (("--host", ""), "error: host '' is neither a name in ASCII nor an address: expected one such as"),
+        (("--host", "router.plant:7447"), "error: host 'router.plant:7447' is neither"),
+        (("--host", "rœuter"), "error: host 'rœuter' is neither"),
+    ],
+)
+def test_what_no_router_can_use_is_refused_and_its_files_stay(made, words, said):
+    """`--listen foo` was written into router.json5, with which no router started. A wrong host deleted the
+    router's certificate.
+    """
+    before = content(made)
+    done = certs(made, *words)
+    assert done.exit_code == 1
+    assert done.stderr.startswith(said)
+    assert content(made) == before
+
+
+def test_a_file_in_place_of_the_directory_is_named(tmp_path):
+    (tmp_path / "file").touch()
+    done = certs(tmp_path / "file")
+    assert (done.exit_code, done.stderr) == (
+        1,
+        f"error: {tmp_path / 'file'} is a file, expected a directory\n",
+    )
+
+
 def test_what_is_renewed_has_another_name_and_the_old_one_no_rights(made):
     before = content(made)
     certs(made, "--renew", "bridge.cell-1")

@@ -78,7 +78,7 @@ class ReadingOptions(NamedTuple):
 
 
 AS_STATED = ReadingOptions()
-WINDOW_SLACK_S = 0.1  # an observation, by which a window may exceed its recording
+WINDOW_SLACK_S = 0.1  # an observation, by which a window may exceed its recording without being cut
 
 
 @dataclass(frozen=True)
@@ -118,12 +118,14 @@ class FileCase:
             self.path, wrench_source=self._asked_source(truth), **self.reading._asdict()
         )
         first, last = float(recording.t.min()), float(recording.t.max())
+        window = f"window is [{truth.window[0]:g}, {truth.window[1]:g}] s"
+        lasts = f"the recording lasts from {first:.10g} to {last:.10g} s"
+        if truth.window[1] <= first or truth.window[0] >= last:
+            raise TruthError(f"{truth.name}: {window}, and {lasts}")
         if truth.window[0] < first - WINDOW_SLACK_S or truth.window[1] > last + WINDOW_SLACK_S:
-            window = f"window is [{truth.window[0]:g}, {truth.window[1]:g}] s"
-            raise TruthError(
-                f"{truth.name}: {window}, expected a window within the recording, which lasts from "
-                f"{first:.10g} to {last:.10g} s"
-            )
+            truth = truth.within(first, last)
+            cut = f"the annotation's {window}, and {lasts}: only what both have is judged"
+            recording = replace(recording, cautions=(*recording.cautions, cut))
         return with_declarations(recording, truth), replace(truth, name=self.name)
 
     def _asked_source(self, truth: Truth) -> str | None:

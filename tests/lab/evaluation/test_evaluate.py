@@ -194,20 +194,21 @@ def test_a_recording_of_another_time_than_its_annotation_is_refused(tmp_path: Pa
     recording = load_recording(BUTTON)
     replace(recording, t=recording.t + 1e6).save(tmp_path / "x.npz")
     shutil.copy(truth_file(BUTTON), tmp_path / "x.ann.json")
-    expected = (
-        r"window is \[0, 11.799\] s, expected a window within the recording, which lasts from 1000000 to 1"
-    )
+    expected = r"window is \[0, 11.799\] s, and the recording lasts from 1000000 to 1"
     with pytest.raises(TruthError, match=expected):
         FileCase(tmp_path / "x.npz").load()
 
 
-def test_a_window_that_goes_on_after_its_recording_is_refused(tmp_path: Path):
+def test_a_window_that_goes_on_after_its_recording_is_cut_with_a_caution(tmp_path: Path):
     """Time without samples counted as one segment that was found: covering rose from 0.31 to 0.91."""
     shutil.copy(BUTTON, tmp_path / "x.npz")
     content = json.loads(truth_file(BUTTON).read_text())
     (tmp_path / "x.ann.json").write_text(json.dumps(content | {"window": [0.0, 99.0]}))
-    with pytest.raises(TruthError, match=r"window is \[0, 99\] s, expected a window within the recording"):
-        FileCase(tmp_path / "x.npz").load()
+    recording, truth = FileCase(tmp_path / "x.npz").load()
+    assert truth.window == (0.0, recording.t[-1])
+    (cut,) = recording.cautions
+    assert cut.startswith("the annotation's window is [0, 99] s, and the recording lasts from 0 to 11.79")
+    assert cut.endswith("only what both have is judged")
 
 
 def test_a_recording_that_cannot_be_conditioned_is_one_line(tmp_path: Path):

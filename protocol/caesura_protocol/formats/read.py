@@ -33,7 +33,7 @@ from caesura_protocol.keys import NAME_PATTERN
 from caesura_protocol.lost_samples import Loss, parse_losses
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, FORCE_FRAMES, WRENCH_SOURCES, Quantity
 from caesura_protocol.package_version_and_extras import import_extra
-from caesura_protocol.plausibility import UNITS
+from caesura_protocol.plausibility import UNITS, WIRE_UNIT
 from caesura_protocol.pose_update_rate import slow_pose
 from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import (
@@ -169,6 +169,7 @@ def _convert(path: Path, raw: RawRecording, stated: Mapping[Quantity, str]) -> N
     """Convert arrays to Caesura's units, in place.
 
     Raises RecordingError for a unit of times of day, and for one of a signal whose unit the mapping states.
+    Caesura's own unit may be stated of such a signal: it confirms the converted values.
     """
     if raw.has_calendar_time and "time" in stated:
         raise RecordingError(
@@ -176,7 +177,7 @@ def _convert(path: Path, raw: RawRecording, stated: Mapping[Quantity, str]) -> N
             "day: leave it out"
         )
     for quantity, name in (*_CONVERTED.items(), ("length", "pos")):
-        if quantity in stated and name in raw.mapped_units:
+        if stated.get(quantity, WIRE_UNIT[quantity]) != WIRE_UNIT[quantity] and name in raw.mapped_units:
             raise RecordingError(
                 f"--{quantity}-unit {stated[quantity]} does not fit {path.name}: the mapping states the unit "
                 f"of {name}, which is converted. Leave the option out, or mend the mapping"

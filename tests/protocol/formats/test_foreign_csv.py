@@ -82,7 +82,7 @@ def test_positions_without_a_unit_stay_in_the_unit_of_the_file(files):
 
 @pytest.mark.parametrize(
     ("option", "unit"),
-    [("length_unit", "mm"), ("length_unit", "m"), ("time_unit", "ms"), ("angle_unit", "deg")],
+    [("length_unit", "mm"), ("time_unit", "ms"), ("angle_unit", "deg")],
 )
 def test_a_unit_that_the_mapping_states_is_not_stated_again(files, option, unit):
     """Positions were read as 1000 times smaller with `--length-unit mm`, and times as ms of seconds."""
@@ -90,6 +90,12 @@ def test_a_unit_that_the_mapping_states_is_not_stated_again(files, option, unit)
     words = rf"--{option.replace('_', '-')} {unit} does not fit log\.csv: the mapping states the unit of"
     with pytest.raises(RecordingError, match=words):
         load_recording(log, mapping=how, **{option: unit})
+
+
+def test_the_unit_that_the_mapping_converts_to_may_be_stated(files):
+    log, how = files()
+    found, stated = (load_recording(log, mapping=how, **given) for given in ({}, {"length_unit": "m"}))
+    np.testing.assert_array_equal(found.signals["pos"], stated.signals["pos"])
 
 
 def test_a_unit_that_the_mapping_leaves_open_is_stated_by_an_option(files):

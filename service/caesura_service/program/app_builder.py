@@ -30,7 +30,7 @@ from caesura_protocol.messages import App, Gap, RestForce, Vector
 from caesura_protocol.programs.checks.fidelity import SWAYED_M
 from caesura_protocol.up_direction import UP
 from caesura_service.program.app_group import AppEnd, AppGroup, group_key, pose_fields
-from caesura_service.program.carried_loads import WEIGHED_S, has_other_load
+from caesura_service.program.carried_loads import has_other_load, is_weighed_well
 from caesura_service.program.end_velocities import with_end_velocities
 from caesura_service.program.gaps import observed_share
 from caesura_service.program.held_forces import (
@@ -358,8 +358,8 @@ def _taught(step: ProgramSegment) -> dict[str, object]:
 
 def _weighed(steps: Sequence[ProgramSegment]) -> list[ProgramSegment]:
     """Return the steps with a load; of these, those that are weighed well, if there are any."""
-    known = [step for step in steps if step.segment.load_kg is not None]
-    return [step for step in known if step.lasts(WEIGHED_S)] or known
+    well = [step for step in steps if is_weighed_well(step)]
+    return well or [step for step in steps if step.segment.load_kg is not None]
 
 
 def _with_one_load(steps: Sequence[ProgramSegment]) -> list[list[ProgramSegment]]:
@@ -426,8 +426,9 @@ def _grip_app(
 
 def _in_motion(grip: GripperAction, moment_at: MomentAt, paths: Paths | None) -> dict[str, float]:
     """Return the largest speeds of the flange while the fingers act; none where it rested."""
-    times = [] if paths is None else _acting(grip, moment_at)
-    seen = [speeds for t in times if paths is not None and (speeds := paths.speeds_at(t)) is not None]
+    if paths is None:
+        return {}
+    seen = [speeds for t in _acting(grip, moment_at) if (speeds := paths.speeds_at(t)) is not None]
     fastest = zip(AT_REST.items(), map(max, zip(*seen, strict=True)), strict=False)
     return {name: speed for (name, most), speed in fastest if speed > most}
 
@@ -438,15 +439,14 @@ def _acting(grip: GripperAction, moment_at: MomentAt) -> list[float]:
     The time of an action is one end of their motion. Without an opening the other end is unknown.
     """
     step = OBSERVED_S if grip.kind in BEGUN else -OBSERVED_S
-    times, moving = [grip.t], False
-    for k in range(MOST_ACTING):
-        here, there = grip.t + k * step, grip.t + (k + 1) * step
-        one, other = moment_at(here).gripper_width, moment_at(there).gripper_width
-        moves = one is not None and other is not None and abs(other - one) >= FINGERS_MOVE_M
-        if moving and not moves:
+    times, width = [grip.t], moment_at(grip.t).gripper_width
+    for k in range(1, MOST_ACTING + 1):
+        t = grip.t + k * step
+        before, width = width, moment_at(t).gripper_width
+        if before is not None and width is not None and abs(width - before) >= FINGERS_MOVE_M:
+            times.append(t)
+        elif len(times) > 1:
             break
-        moving |= moves
-        times += [there] if moves else []
     return times
 
 

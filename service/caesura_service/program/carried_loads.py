@@ -46,10 +46,7 @@ NOWHERE = {  # how far [m] and by how much [rad] a step leads at least, by kind;
     "motion": (TOLERANCE_M, TOLERANCE_RAD),
 }
 WEIGHED_S = 1.0  # in which a load is weighed well: a shorter step may end with a touch
-CHANGED_KG, CHANGED_SDS = (
-    0.25,
-    4.0,
-)  # from which on a load is another one; two steps of a carry differ by less
+CHANGED_KG, CHANGED_SDS = 0.25, 4.0  # from which on a load is another one; steps of a carry differ by less
 STANDS_S = 1.0  # a load that rests for longer where it was gripped is held there on purpose
 
 
@@ -120,11 +117,14 @@ def hanging(step: ProgramSegment, later: Sequence[ProgramSegment], context: Cont
     if not step.touches or not hangs(step.segment.force, context.up):
         return step
     rests, held = step.segment.kind == "contact", holds(step, context.grips)
+    if rests and held is False:
+        return step
     lifts = rests and length(step.moved) >= NOWHERE_M
     moving = {"kind": "transport", "motion": "motion"} if lifts else {}
     carry = as_carry_of(step.segment.force, step, context, **moving)
-    is_carry = not rests or (moves_freely(carry, later, context) if held is None else held)
-    return carry if is_carry else step
+    if rests and held is None and not moves_freely(carry, later, context):
+        return step
+    return carry
 
 
 def as_carry_of(force: Vector, step: ProgramSegment, context: Context, **fields: object) -> ProgramSegment:
@@ -226,14 +226,19 @@ def as_one_hold(kept: Sequence[ProgramSegment], context: Context) -> list[Progra
     return joined_where(kept, are_one)
 
 
+def is_weighed_well(step: ProgramSegment) -> bool:
+    """Return whether a step has a load, and lasts long enough for it to be weighed well."""
+    return step.segment.load_kg is not None and step.lasts(WEIGHED_S)
+
+
 def has_other_load(step: ProgramSegment, before: Sequence[ProgramSegment]) -> bool:
     """Return whether the load of a step is another one than the average of steps before it.
 
     A step that is too short to be weighed well does not count.
     """
-    weighed = [one for one in before if one.segment.load_kg is not None and one.lasts(WEIGHED_S)]
+    weighed = [one for one in before if is_weighed_well(one)]
     kg, sd_kg = step.segment.load_kg, step.segment.load_sd_kg or 0.0
-    if not weighed or kg is None or not step.lasts(WEIGHED_S):
+    if not weighed or kg is None or not is_weighed_well(step):
         return False
     least_kg = max(CHANGED_KG, CHANGED_SDS * math.hypot(sd_kg, average(weighed, "load_sd_kg")))
     return abs(kg - average(weighed, "load_kg")) > least_kg

@@ -289,7 +289,7 @@ def _has_warning(one: StationSummary) -> bool:
 
 
 def _state(update: Update | None, bridge: bool, why: str, status: BridgeStatus | None) -> State:
-    if bridge and status is not None and (update is None or update.closed):
+    if status is not None and (update is None or update.closed):
         return "failed" if status.state == "failed" else "standby"
     if update is None:
         return "ready" if bridge else "gone"

@@ -36,9 +36,7 @@ from caesura_protocol.screw_torque_and_text import stop_torque_nm
 from caesura_service.constants import GRAVITY
 
 RISE_S, RELEASE_S = 0.15, 0.15  # longest time in which a force is built up; in which it is let go
-LEAVES_S = (
-    0.15  # at the start of a movement from a contact to the next, in which it may still touch the first
-)
+LEAVES_S = 0.15  # at the start of a movement between two contacts, in which it may still touch the first
 FORCE_GAIN_PER_S, FORCE_CORRECTION_N = 40.0, 8.0
 FORCE_GAIN_NS_PER_M = 200.0  # largest gain times mass: half of the damping of a press on a stiff surface
 BOUNCING_M_PER_S = 0.003  # at the bottom it is no rest, whose force could be corrected, from that speed on

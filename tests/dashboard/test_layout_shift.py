@@ -38,7 +38,8 @@ SIZES = {"desk": DESK, "upright": UPRIGHT, "phone": PHONE}
 LONG_S = 40.0  # a station shows 30 s of a session that goes on
 PICK_AND_PLACE = Path(__file__).parents[2] / "data" / "pick_and_place.npz"
 # What the browser itself reports as moved in the part of the page that does not scroll by itself: in which
-# step, and by how much [px]. What appears or goes outside of the window moves nothing that is seen.
+# step, and by how much [px]. What appears or goes outside of the window moves nothing that is seen. A long
+# message lies upon what is below it (staying.js): on a busy machine the signals can be late, and it says so.
 WATCH = """() => {
   window.shifts = [];
   const name = (node) => node && (node.className || node.nodeName);
@@ -46,7 +47,8 @@ WATCH = """() => {
     for (const { sources } of list.getEntries()) for (const { node, previousRect, currentRect } of sources) {
       const element = node && (node.closest ? node : node.parentElement);
       const by = currentRect.y - previousRect.y + currentRect.height - previousRect.height;
-      if (element?.closest(".work") && Math.abs(by) > 1) window.shifts.push([window.step, name(element), by]);
+      const isMoved = element?.closest(".work") && !element.closest(".staying:not(.free)");
+      if (isMoved && Math.abs(by) > 1) window.shifts.push([window.step, name(element), by]);
     }
   }).observe({ type: "layout-shift" });
 }"""

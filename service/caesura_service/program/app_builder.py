@@ -115,12 +115,12 @@ def task_program(
 
 
 def _acts_at(t: float, apps: Iterable[App]) -> float:
-    """Return the time [s] of fingers that act at `t`: in the first `GRIP_SLACK_S` of an app, its start.
+    """Return the time [s] of fingers that act at `t`: in the first `GRIP_SLACK_S` of a movement, its start.
 
-    A robot would make the whole movement first, and let go of an object at its end.
+    A robot would make the whole movement first, and let go of an object at its end. In a hold it lets go after it.
     """
-    begun = (app.t0 for app in apps if app.t0 < t < min(app.t0 + GRIP_SLACK_S, app.tn))
-    return next(begun, t)
+    moves = (app for app in apps if app.kind != "hold")
+    return next((app.t0 for app in moves if app.t0 < t < min(app.t0 + GRIP_SLACK_S, app.tn)), t)
 
 
 def _when(app: App) -> tuple[float, float]:

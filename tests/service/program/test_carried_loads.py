@@ -321,6 +321,23 @@ def test_fingers_that_open_as_a_movement_begins_act_before_it(opened: float, act
     assert apps[apps.index(release) + 1].kind == "cartesian_motion"
 
 
+def test_fingers_that_open_at_the_end_of_a_short_hold_act_after_it() -> None:
+    """The robot let go of the object first, and then held it for a third of a second."""
+    still = {"position_start": (0.0, 0.0, 0.3), "position_end": (0.0, 0.0, 0.3)}
+    made = program(
+        segment("transport", 1.0, 3.0, load_kg=0.4, load_sd_kg=0.02),
+        segment("contact", 3.0, 3.33, force_held=(0.0, 0.0, -4.0), **still),
+        segment("motion", 4.0, 6.0),
+        grips=(GRASP, replace(RELEASE, t=3.28)),
+        at=stopping_at,
+    )
+    assert [(app.kind, app.t0) for app in made[2:]] == [
+        ("hold", 3.0),
+        ("gripper_move", 3.28),
+        ("cartesian_motion", 4.0),
+    ]
+
+
 def test_fingers_that_act_at_a_contact_divide_no_movement() -> None:
     made = program(
         segment("motion", 0.0, 2.0),

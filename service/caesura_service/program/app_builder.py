@@ -117,7 +117,7 @@ def task_program(
 def _acts_at(t: float, apps: Iterable[App]) -> float:
     """Return the time [s] of fingers that act at `t`: in the first `GRIP_SLACK_S` of a movement, its start.
 
-    A robot would make the whole movement first, and let go of an object at its end. In a hold it lets go after it.
+    A robot would make the whole movement first, and let go of an object at its end. It lets go after a hold.
     """
     moves = (app for app in apps if app.kind != "hold")
     return next((app.t0 for app in moves if app.t0 < t < min(app.t0 + GRIP_SLACK_S, app.tn)), t)

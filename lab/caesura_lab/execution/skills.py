@@ -42,7 +42,9 @@ FORCE_GAIN_NS_PER_M = 200.0  # largest gain times mass: half of the damping of a
 BOUNCING_M_PER_S = 0.003  # at the bottom it is no rest, whose force could be corrected, from that speed on
 SLIDE_M = 0.015  # a target of Apply Force this far aside is slid to
 SQUEEZE_M = 0.01  # by which fingers aim to close further than what they grip is wide
-SETTLE_S, FINGER_POLL_S = 0.4, 0.1  # before and after the fingers move; between two polls of them
+SETTLE_S = 0.4  # the arm rests so long at most before the fingers move, and so long after it
+STILL_S, STILL_M_PER_S = 0.05, 0.003  # between two checks of whether it is at rest; its speed there
+FINGER_POLL_S = 0.1  # between two polls of the fingers
 WEIGHED = (0.4, 0.6)  # shares of a path with a load between which its force is the zero of a contact
 LOAD_ERROR_LIMIT_N = 3.5  # by which a load may be heavier or lighter than it was taught to be
 MEET_S, MEET_N = 0.15, 4.0  # in which a contact comes to rest before it is pressed, and what holds it
@@ -114,14 +116,14 @@ class SkillController:
         self.hold_position(max(seconds - self._settled_s - RELEASE_S * leaves, 0.0), force_n)
 
     def send_fingers(self, width_m: float, app: App) -> None:
-        """Hold still, move the fingers to a width [m] or onto an object, and wait until the arm settles.
+        """Come to rest, move the fingers to a width [m] or onto an object, and wait until the arm settles.
 
         app: has the place and the force; in contact the tool slides there first, and presses.
         """
         world, safety, place = self.arm.world, self.safety, _place_of(app)
         carried_kg, newton = self.arm.load_kg, self._standing_force(app)
         if place is None or self.contact_direction is None:
-            self.hold_position(SETTLE_S, newton)
+            self._come_to_rest(newton)
         else:
             way_s = math.dist(place.position, self.setpoint.position) / safety.contact_speed_m_per_s
             self.rest_until(place, newton, max(way_s, SETTLE_S))
@@ -134,6 +136,13 @@ class SkillController:
             if world.fingers_still:
                 break
         self.hold_position(SETTLE_S, newton)
+
+    def _come_to_rest(self, force_n: float) -> None:
+        """Hold the position until the arm is at rest, for `SETTLE_S` at most; force_n: of a contact."""
+        for _ in range(round(SETTLE_S / STILL_S)):
+            self.hold_position(STILL_S, force_n)
+            if float(np.linalg.norm(self.measured.twist[:3])) <= STILL_M_PER_S:
+                break
 
     def _standing_force(self, app: App, released_kg: float = 0.0) -> float:
         """Return the force [N] of a contact while fingers move: the taught one, or else the present one.

@@ -104,6 +104,11 @@ def test_no_state_and_no_reason_changes_the_height_of_start_and_stop(
     assert len(page.evaluate("() => [...window.heights]")) == 1
 
 
+SCROLL_BAR = 15  # [px]; the browser of the tests has none
+LINES = """(fields) => new Set([...fields.children].filter((one) => one.checkVisibility())
+  .map((one) => Math.round(one.getBoundingClientRect().bottom))).size"""
+
+
 def test_sessions_are_searched_filtered_sorted_and_deleted_with_undo(stage: Stage, visitor: Visitor):
     with stage.reader() as caesura:
         stage.teach("cell-3", guided(), session="unnamed", pace="fast")
@@ -138,6 +143,8 @@ def test_sessions_are_searched_filtered_sorted_and_deleted_with_undo(stage: Stag
         expect(names).to_have_text(["press c", "press b", "press a", "unnamed"])
         names.nth(1).get_by_role("link").click()
         form.locator("summary").click()
+        page.set_viewport_size({**DESK, "width": DESK["width"] - SCROLL_BAR})
+        assert form.locator(".fields").evaluate(LINES) == 1
         form.locator(".delete").click()
         expect(form.locator(".saved")).to_contain_text("Restored.")
         assert caesura.snapshot("cell-3", "list-b").status.description.deleted is False

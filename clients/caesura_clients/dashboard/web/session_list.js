@@ -5,7 +5,7 @@ import { dayAndTime } from "caesura-dashboard/numbers.js";
 const COLUMNS = [
   ["task", "name"], ["success", "success"], ["opened", "taught"], ["station", "station"], ["operator", "operator"], ["tags", "tags"],
   ["length", "length"], ["segments", "segments"], ["apps", "apps"], ["gaps", "gaps"],
-  ["version", "program"], ["edited", "changed"], ["session", "session"], ["instance", "instance"],
+  ["version", "program"], ["edited", "changed"], ["instance", "instance"],
 ];
 const MOST = 50; // sessions of a dataset
 const named = (one) => one.task || one.session; // as the column of names has it
@@ -41,7 +41,7 @@ export default {
           <td class="is-chosen"><input type="checkbox" class="choose" :checked="chosen.includes(nameOf(one))" @change="choose(nameOf(one))"
             :aria-label="'compare ' + named(one)"></td>
           <td v-for="[key, title] in columns" :key="key" :data-title="title" :class="['is-' + key, { alarm: key === 'gaps' && one.gaps > 0 }]">
-            <a v-if="key === 'task'" :href="one.href">{{ named(one) }}</a>
+            <a v-if="key === 'task'" :href="one.href" :title="'session ' + one.session">{{ named(one) }}</a>
             <template v-else>{{ shown(key, one) }}</template></td>
         </tr></tbody></table>
       </div>

@@ -26,6 +26,7 @@ Indices = NDArray[np.int64]
 THRESHOLD = 0.2  # above which the thesis counts a changepoint (4.2)
 DELAYS_S = (0.2, 0.6, 1.2)  # after which run-length probabilities are looked at; the last two as in Fig. 4.19
 STEP_S = 0.1  # of the segmentation grid
+ROUNDED = 1e-6  # of a cell: by so much a time may lie before it
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,16 +71,17 @@ class RunLengthPosterior:
         result[self.start[chosen]] = self.probability[chosen]
         return result
 
-    def image(self, most: int = 1500) -> Array:
-        """(m, m) start against time, evenly spaced from the first observation to the last, m at most `most`.
+    def image(self, first: float, last: float, most: int = 1500) -> Array:
+        """(m, m) start against time, evenly spaced between two times [s], m at most `most`.
 
         Each cell holds the largest probability that falls into it, 0 where there is none.
         """
-        span = float(self.t[-1] - self.t[0])
-        size = min(most, round(span / STEP_S) + 1)
+        size = min(most, max(round((last - first) / STEP_S), 1))
+        times = np.stack([self.start_t[self.start], self.t[self.now]])
+        cells = np.floor(size * (times - first) / (last - first) + ROUNDED).astype(np.int64)
+        inside = np.all((cells >= 0) & (cells < size), axis=0)
         image = np.zeros((size, size))
-        cells = (_cell(self.start_t[self.start], self.t, size), _cell(self.t[self.now], self.t, size))
-        np.maximum.at(image, cells, self.probability)
+        np.maximum.at(image, tuple(cells[:, inside]), self.probability[inside])
         return image
 
 
@@ -142,10 +144,3 @@ def _run_lengths(trace: FilterTrace) -> RunLengthPosterior:
         start=np.concatenate([one.starts for one in snapshots]),
         probability=np.concatenate([one.probabilities for one in snapshots]),
     )
-
-
-def _cell(times: Array, t: Array, size: int) -> Indices:
-    """Return the index of the cell of each time, of `size` cells centred evenly from t[0] to t[-1]."""
-    span = max(float(t[-1] - t[0]), STEP_S)
-    result: Indices = np.rint((times - t[0]) / span * (size - 1)).astype(np.int64)
-    return np.clip(result, 0, size - 1)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from caesura_lab.ground_truth import TrueChangepoint, TrueSegment, Truth
+from caesura_lab.report.figures.style import whole
 from caesura_lab.report.report_data import DELAYS_S, ReportData, collect
 from caesura_lab.report.tables import (
     APP_COLUMNS,
@@ -95,9 +96,17 @@ def test_what_is_known_later_is_a_diagonal_of_the_image(content: ReportData):
 
 
 def test_the_image_of_a_long_recording_is_no_larger_than_allowed(content: ReportData):
-    assert content.run_lengths.image().shape == (content.signals.t.size,) * 2
-    assert content.run_lengths.image(most=40).shape == (40, 40)
-    assert content.run_lengths.image(most=40).max() == content.run_lengths.probability.max()
+    runs, (first, last) = content.run_lengths, whole(content)
+    assert runs.image(first, last).shape == (content.signals.t.size,) * 2
+    assert runs.image(first, last, most=40).shape == (40, 40)
+    assert runs.image(first, last, most=40).max() == runs.probability.max()
+
+
+def test_the_image_of_a_part_is_cut_from_that_of_the_whole(content: ReportData):
+    runs, (first, last) = content.run_lengths, whole(content)
+    part = runs.image(first + 2.0, first + 3.5)
+    assert part.shape == (15, 15)
+    assert (part == runs.image(first, last)[20:35, 20:35]).all()
 
 
 def test_signals_meet_the_segments_at_their_ends(content: ReportData):

@@ -14,10 +14,11 @@ import pytest
 from typer.testing import CliRunner
 
 from caesura_lab.ground_truth import TrueChangepoint, TrueSegment, Truth
+from caesura_lab.report.figures import signals_page
 from caesura_lab.report.figures.path import informative_planes
 from caesura_lab.report.figures.style import LONGEST_S, windows
 from caesura_lab.report.figures.tables import table_pages
-from caesura_lab.report.report_data import ReportData, collect
+from caesura_lab.report.report_data import STEP_S, ReportData, collect
 from caesura_lab.report.tables import program_table, segments_table
 from caesura_lab.report.writers import UnknownFormatError, write_report
 from caesura_protocol.app_kinds import APP_KINDS
@@ -174,6 +175,19 @@ def test_a_long_recording_is_shown_whole_and_then_in_legible_parts(content: Repo
     assert (parts[0][0], parts[-1][1]) == whole
     assert all(last - first <= LONGEST_S for first, last in parts)
     assert all(before[1] == after[0] for before, after in pairwise(parts))
+
+
+def test_a_page_draws_what_lies_in_its_window(content: ReportData):
+    """Every page drew all segments of the recording: a report of five minutes took as many."""
+    first, last = 1.0, 2.5
+    seen = [one for one in content.view.segments if one.t0 <= last and one.tn >= first]
+    assert 0 < len(seen) < len(content.view.segments)
+    page = signals_page(content, (first, last))
+    panels = [axes for axes in page.axes if axes.get_ylabel()]
+    assert [len(axes.patches) for axes in panels] == [len(seen)] * 4
+    for axes in page.axes:
+        drawn = [line for one in axes.collections for line in one.get_paths()]
+        assert all(first - STEP_S <= x <= last + STEP_S for line in drawn for x, _ in line.vertices)
 
 
 def test_an_unknown_suffix_names_the_known_ones(content: ReportData, tmp_path: Path):

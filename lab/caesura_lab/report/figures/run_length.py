@@ -25,13 +25,13 @@ def run_length_page(content: ReportData, window: style.Window) -> Figure:
     changes = figure.add_axes((style.LEFT, 0.785, WIDTH, 0.115))
     image = figure.add_axes((style.LEFT, 0.365, WIDTH, 0.40))
     delayed = [figure.add_axes((style.LEFT, bottom, WIDTH, 0.062)) for bottom in (0.228, 0.149, style.BOTTOM)]
+    for axes in (changes, image, *delayed):
+        axes.set_xlim(*window)  # what lies outside is not drawn
+    image.set_ylim(*window)
     _changes(content, changes)
     _scale(figure, _image(content, image))
     for axes, delay_s in zip(delayed, DELAYS_S, strict=True):
         _delayed(content, axes, delay_s)
-    for axes in (changes, image, *delayed):
-        axes.set_xlim(*window)
-    image.set_ylim(*window)
     for axes in (changes, *delayed[:-1]):
         axes.tick_params(labelbottom=False)
     delayed[-1].set_xlabel("start of the segment τ [s]")
@@ -55,11 +55,12 @@ def _changes(content: ReportData, axes: Axes) -> None:
 
 
 def _image(content: ReportData, axes: Axes) -> AxesImage:
-    first, last = style.whole(content)
+    first, last = axes.get_xlim()
     for one in content.view.changepoints:
-        axes.axhline(one.t, color=style.RED, linewidth=0.6, alpha=0.5, zorder=-1)
+        if style.is_seen(axes, one.t, one.t):
+            axes.axhline(one.t, color=style.RED, linewidth=0.6, alpha=0.5, zorder=-1)
     drawn = axes.imshow(
-        _grey(content.run_lengths.image()),
+        _grey(content.run_lengths.image(first, last)),
         origin="lower",
         extent=(first, last, first, last),
         aspect="auto",

@@ -56,8 +56,8 @@ def signals_page(content: ReportData, window: style.Window) -> Figure:
         height = shared * weight / total
         top -= ABOVE_PANEL + height
         drawn.append(figure.add_axes((style.LEFT, top, style.RIGHT - style.LEFT, height)))
+        drawn[-1].set_xlim(*window)  # what lies outside is not drawn
         _panel(content, drawn[-1], label, draw)
-        drawn[-1].set_xlim(*window)
     for axes in drawn[:-1]:
         axes.tick_params(labelbottom=False)
     drawn[-1].set_xlabel("time [s]")
@@ -134,7 +134,7 @@ def _draw_lanes(content: ReportData, figure: Figure, window: style.Window) -> fl
         axes.set_xlim(*window)
         _lane(axes, label, bands)
         if label == "truth":
-            _true_boundaries(content, axes)
+            style.mark_truth(content, axes, optional=0.4, counted=1.0)
         top -= BETWEEN_LANES
     return top
 
@@ -175,12 +175,12 @@ def _lane(axes: Axes, label: str, bands: list[_Band]) -> None:
     axes.set_axis_off()
     axes.set_ylim(0.0, 1.0)
     axes.text(-0.008, 0.5, label, ha="right", va="center", fontsize=8.5, transform=axes.transAxes)
-    for band in bands:
+    for band in (one for one in bands if style.is_seen(axes, one.t0, one.tn)):
         colour = style.COLOUR_OF_KIND.get(band.kind, style.FAINT)
         place = (band.t0, 0.0), band.tn - band.t0, 1.0
         axes.add_patch(Rectangle(*place, facecolor=colour, alpha=2 * style.SHADE, linewidth=0))
-        axes.axvline(band.t0, color=style.INK, linewidth=0.5, alpha=0.6)
         _name(axes, band)
+    style.upright_lines(axes, (band.t0 for band in bands), color=style.INK, linewidth=0.5, alpha=0.6)
 
 
 def _name(axes: Axes, band: _Band) -> None:
@@ -193,17 +193,6 @@ def _name(axes: Axes, band: _Band) -> None:
         if width * POINTS_PER_INCH > LETTER * size * len(name):
             axes.text(0.5 * (t0 + tn), 0.48, name, ha="center", va="center", fontsize=size, clip_on=True)
             return
-
-
-def _true_boundaries(content: ReportData, axes: Axes) -> None:
-    for one in content.truth.points if content.truth else ():
-        axes.axvline(
-            one.t,
-            ymax=0.4 if one.optional else 1.0,
-            color=style.INK,
-            linestyle=(0, (2.5, 1.2)),
-            linewidth=1.0 if one.optional else 1.6,
-        )
 
 
 def _kinds_legend(content: ReportData, figure: Figure) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
@@ -109,40 +110,55 @@ def kind_patches(kinds: Iterable[str], opacity: float = 2 * SHADE) -> list[Patch
     return [Patch(facecolor=COLOUR_OF_KIND[kind], alpha=opacity, label=kind) for kind in kinds]
 
 
+def is_seen(axes: Axes, t0: float, tn: float) -> bool:
+    """Return whether a part of the time between two times [s] lies within the window of some axes."""
+    first, last = axes.get_xlim()
+    return t0 <= last and tn >= first
+
+
+def upright_lines(axes: Axes, times: Iterable[float], top: float = 1.0, **look: Any) -> None:
+    """Draw a line at those of the times [s] that are seen, from below up to a share of the height."""
+    lines = [((t, 0.0), (t, top)) for t in times if is_seen(axes, t, t)]
+    axes.add_collection(LineCollection(lines, transform=axes.get_xaxis_transform(), **look), autolim=False)
+
+
 def shade(content: ReportData, axes: Axes) -> None:
     """Draw segments as bands behind the signals, gaps hatched."""
     for one in content.view.segments:
-        axes.axvspan(one.t0, one.tn, facecolor=COLOUR_OF_KIND[one.kind], alpha=SHADE, linewidth=0)
-        axes.axvline(one.t0, color=INK, linewidth=0.5, alpha=0.45)
+        if is_seen(axes, one.t0, one.tn):
+            axes.axvspan(one.t0, one.tn, facecolor=COLOUR_OF_KIND[one.kind], alpha=SHADE, linewidth=0)
+    upright_lines(axes, (one.t0 for one in content.view.segments), color=INK, linewidth=0.5, alpha=0.45)
     for gap in content.view.gaps:
-        axes.axvspan(gap.t0, gap.tn, facecolor="none", edgecolor=FAINT, hatch="////", linewidth=0)
+        if is_seen(axes, gap.t0, gap.tn):
+            axes.axvspan(gap.t0, gap.tn, facecolor="none", edgecolor=FAINT, hatch="////", linewidth=0)
 
 
-def mark_truth(content: ReportData, axes: Axes) -> None:
-    """Draw true boundaries as dashed ticks from below, short ones for optional boundaries."""
-    for one in content.truth.points if content.truth else ():
-        axes.axvline(
-            one.t,
-            ymax=0.07 if one.optional else 0.16,
-            color=INK,
-            linestyle=(0, (2.5, 1.2)),
-            linewidth=1.1 if one.optional else 1.6,
-        )
+def mark_truth(content: ReportData, axes: Axes, optional: float = 0.07, counted: float = 0.16) -> None:
+    """Draw true boundaries as dashed ticks from below, up to these shares of the height."""
+    points = content.truth.points if content.truth else ()
+    for top, width, is_optional in ((optional, 1.1, True), (counted, 1.6, False)):
+        times = (one.t for one in points if one.optional == is_optional)
+        upright_lines(axes, times, top, color=INK, linestyle=(0, (2.5, 1.2)), linewidth=width)
 
 
 def mark_changepoints(content: ReportData, axes: Axes) -> None:
     """Draw the changepoints as thin red lines behind the signals."""
-    for one in content.view.changepoints:
-        axes.axvline(one.t, color=RED, linewidth=0.6, alpha=0.5, zorder=-1)
+    times = (one.t for one in content.view.changepoints)
+    upright_lines(axes, times, color=RED, linewidth=0.6, alpha=0.5, zorder=-1)
 
 
 def bars(axes: Axes, t: Array, probability: Array, colour: str = INK, **options: Any) -> None:
     """Draw a probability (n,) per observation, upwards or, negated, downwards.
 
-    Invisible ones are left out.
+    Invisible ones are left out. The axes have limits already.
     """
-    seen = np.abs(probability) > LEAST_SEEN
-    axes.bar(t[seen], probability[seen], width=0.7 * STEP_S, color=colour, **options)
+    first, last = axes.get_xlim()
+    seen = (np.abs(probability) > LEAST_SEEN) & (t >= first) & (t <= last)
+    left, top = t[seen] - 0.35 * STEP_S, probability[seen]
+    right, none = left + 0.7 * STEP_S, np.zeros_like(top)
+    corners = np.stack([(left, none), (left, top), (right, top), (right, none)])  # (4, 2, n)
+    drawn = PolyCollection(list(np.moveaxis(corners, 2, 0)), facecolor=colour, linewidth=0, **options)
+    axes.add_collection(drawn, autolim=False)
 
 
 def whole(content: ReportData) -> Window:

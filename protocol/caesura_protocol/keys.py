@@ -19,6 +19,7 @@ from caesura_protocol.errors import ProtocolError
 
 ROOT = "caesura/v1"
 NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,63}$"
+NAME_WORDS = "1 to 64 of a to z, 0 to 9, - and _, and a letter or a digit first"
 MAX_STORED = 16  # sessions of an answer
 T = TypeVar("T", bound=str)
 _NAME = re.compile(NAME_PATTERN)
@@ -44,7 +45,7 @@ def is_name(text: str) -> bool:
 def check_name(name: str, what: str) -> str:
     """Return the name. Raises ProtocolError `malformed` if it is not valid; what: names it in the error."""
     if not _NAME.fullmatch(name):
-        raise ProtocolError("malformed", f"{what} is not a valid name", value=name, expected=NAME_PATTERN)
+        raise ProtocolError("malformed", f"{what} is not a valid name", value=name, expected=NAME_WORDS)
     return name
 
 

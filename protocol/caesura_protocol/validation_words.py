@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable
 
 from pydantic import ValidationError
 
+from caesura_protocol.keys import NAME_PATTERN, NAME_WORDS
+
 Place = tuple[int | str, ...]
 
 #: What a validator writes, and how an error states it; in this order.
@@ -17,6 +19,7 @@ _PLAIN = (
     (r", unable to (parse|interpret) .*", ""),
     (r"^\w+ should have ", "expected "),
     (r" after validation, not \d+$", ""),
+    (rf"^String should match pattern '{re.escape(NAME_PATTERN)}'", f"expected {NAME_WORDS}"),
     (r"^String should match pattern ", "expected text of the pattern "),
     (r"^Value error, ", ""),
     (r"^Invalid JSON: ", "no readable JSON: "),

@@ -291,7 +291,7 @@ def test_a_station_that_is_no_name_is_one_line_that_does_not_speak_of_the_wire(c
     # It once stood behind "waiting for Cell_1" on the same line, and began with "malformed:".
     more = ("--file", file) if command == "bridge" else ()
     result = caesura(command, "--station", "Cell_1", *more)
-    assert_one_line(result, "error: station is not a valid name: 'Cell_1'; expected ")
+    assert_one_line(result, "error: station is not a valid name: 'Cell_1'; expected 1 to 64 of a to z, ")
     assert "waiting" not in result.output
 
 

@@ -374,7 +374,7 @@ def test_an_unknown_page_is_not_found(stage: Stage, visitor: Visitor):
     page.goto(f"{stage.dashboard.url}/stations")
     expect(page.get_by_text("There is no page /stations.")).to_be_visible()
     page.goto(f"{stage.dashboard.url}/station/Cell 1")
-    expect(page.get_by_text("'Cell 1' cannot be a name: expected 1 to 64 of a to z")).to_be_visible()
+    expect(page.get_by_text("station is not a valid name: 'Cell 1'; expected 1 to 64")).to_be_visible()
     page.get_by_role("link", name="Go to the stations").click()
     expect(page.locator("h1")).to_have_text("Stations")
     assert page.request.get(f"{stage.dashboard.url}/assets/none.js").json() == {"detail": "Not Found"}

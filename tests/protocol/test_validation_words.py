@@ -23,7 +23,7 @@ class Named(BaseModel):
         ),
         (
             {"station": "Cell 1"},
-            "station is 'Cell 1', expected text of the pattern '^[a-z0-9][a-z0-9_-]{0,63}$'",
+            "station is 'Cell 1', expected 1 to 64 of a to z, 0 to 9, - and _, and a letter or a digit first",
         ),
     ],
 )

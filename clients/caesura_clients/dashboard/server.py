@@ -30,6 +30,7 @@ from caesura_clients.dashboard.pages.session import SessionPage
 from caesura_clients.dashboard.proxies import Proxies
 from caesura_clients.dashboard.signal_ring import as_bytes
 from caesura_clients.dashboard.silent_connections import BoundedProtocol
+from caesura_clients.refusal_words import refusal_words
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
 from caesura_protocol.keys import check_name, parse_samples_parameters
 from caesura_protocol.programs.document import document
@@ -46,7 +47,6 @@ LOOK_S = 0.02  # between two looks whether the socket is bound
 # A page that answers no ping for this long is dropped and loads itself again: what was typed into it is gone.
 # The 2 s of NiceGUI are a short pause of a tablet.
 STALL_S = 30.0
-NAME_WORDS = "1 to 64 of a to z, 0 to 9, - and _, and a letter or a digit first"
 FAVICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><rect width="16" height="16" rx="3" '
     'fill="#0b57a4"/><path d="M5 3v10M11 3v10" stroke="#fff" stroke-width="2.4"/></svg>'
@@ -158,7 +158,7 @@ def declare(site: Site) -> None:
 
     @ui.page("/station/{station}")
     def _station(station: str) -> None:
-        SessionPage(site, _checked(station), None)
+        SessionPage(site, _checked(station, "station"), None)
 
     @ui.page("/sessions")
     def _sessions() -> None:
@@ -166,7 +166,7 @@ def declare(site: Site) -> None:
 
     @ui.page("/sessions/{station}/{session}")
     async def _session(station: str, session: str) -> None:
-        was_read = await _read_at_first(site, (_checked(station), _checked(session)))
+        was_read = await _read_at_first(site, _names(station, session))
         SessionPage(site, station, session, was_read=was_read)
 
     @ui.page("/compare")
@@ -196,14 +196,14 @@ def declare_files(site: Site) -> None:
     @app.get(f"{SAMPLES}/{{station}}/{{session}}")
     async def _samples(station: str, session: str, request: Request) -> Response:
         wanted = ";".join(f"{key}={value}" for key, value in request.query_params.items())
-        named, is_exact = (_checked(station), _checked(session)), "exact" in request.query_params
+        named, is_exact = _names(station, session), "exact" in request.query_params
         return await asyncio.to_thread(_signals, site, *named, wanted, is_exact)
 
     @app.get(f"{PROGRAMS}/{{station}}/{{session}}/{{name}}")
     async def _program(
         station: str, session: str, name: str, request: Request, gripper: str | None = None
     ) -> Response:
-        named = _checked(station), _checked(session)
+        named = _names(station, session)
         answer = await asyncio.to_thread(_exported, site, *named, name, gripper)
         return _shown(request, answer, f"/sessions/{station}/{session}")
 
@@ -312,11 +312,15 @@ async def _read(site: Site, *named: tuple[str, str]) -> bool:
 def _named(session: str) -> tuple[str, str]:
     """Return the station and session of a text `station/session`."""
     station, _, name = session.partition("/")
-    return _checked(station), _checked(name)
+    return _names(station, name)
 
 
-def _checked(name: str) -> str:
+def _names(station: str, session: str) -> tuple[str, str]:
+    return _checked(station, "station"), _checked(session, "session")
+
+
+def _checked(name: str, what: str) -> str:
     try:
-        return check_name(name, "name")
+        return check_name(name, what)
     except ProtocolError as error:
-        raise HTTPException(404, f"{name!r} cannot be a name: expected {NAME_WORDS}") from error
+        raise HTTPException(404, refusal_words(error)) from error

@@ -14,6 +14,7 @@ from caesura_clients.dashboard.pages.layout import SLOW_TICK_S, Site, page
 from caesura_clients.dashboard.session_list_rows import damaged, sessions
 from caesura_clients.dashboard.station_summary import DashboardState
 from caesura_clients.dashboard.system import system
+from caesura_clients.refusal_words import refusal_words
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.keys import check_name
 
@@ -39,7 +40,8 @@ def build_sessions(site: Site) -> None:
             station = check_name(event.args, "station") if event.args else "*"
             found = await run.io_bound(site.gateway.read_stored, station)
         except (CaesuraError, ProtocolError) as error:
-            listed.answered(str(error), failed=True)
+            why = refusal_words(error) if isinstance(error, ProtocolError) else str(error)
+            listed.answered(f"{why}.", failed=True)
         else:
             listed.answered(
                 f"{found} older ones." if found else "The journal has no older one.", failed=False

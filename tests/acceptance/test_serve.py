@@ -128,7 +128,11 @@ def test_an_endpoint_of_a_router_and_one_of_a_client_contradict_each_other(tmp_p
 
 
 def test_a_name_that_is_no_name_is_refused():
-    assert "'Not A Name'" in refused("--instance", "Not A Name")
+    """The error began with `malformed:`, and stated the rule as a regular expression."""
+    done = CliRunner().invoke(app, ["serve", "--instance", "Not A Name"])
+    assert done.exit_code == 2
+    said = " ".join(done.stderr.replace("│", " ").split())
+    assert "Invalid value for --instance: 'Not A Name', expected 1 to 64 of a to z, 0 to 9" in said
 
 
 def test_sessions_are_kept_in_the_users_state_directory_unless_a_directory_is_named(tmp_path, monkeypatch):

@@ -53,17 +53,38 @@ def test_every_option_with_limits_is_tried() -> None:
     assert {"annotate --port", "evaluate --seeds", "serve --journal-days", "sessions export --fps"} <= found
 
 
-@pytest.mark.parametrize("option", ["--force-limit", "--path-tolerance", "--angle-tolerance"])
-def test_no_limit_of_a_cell_is_infinite(option: str) -> None:
+def test_the_journal_keeps_sessions_for_a_day_at_least() -> None:
+    """0 was accepted, and deleted sessions as soon as nothing was recorded: also the one being taught."""
+    said = refusal("serve", "--journal-days", "0")
+    assert "Invalid value for '--journal-days': '0', expected a number of 1 or more" in said
+
+
+def test_no_limit_of_a_cell_is_infinite() -> None:
     """It was refused by the message `open`, in three lines of its library."""
-    assert f"Invalid value for '{option}': 'inf', expected a finite number of 0.1 or more" in refusal(
-        "segment", "x.npz", option, "inf"
+    said = refusal("segment", "x.npz", "--force-limit", "inf")
+    assert "Invalid value for '--force-limit': 'inf', expected a finite number of 0.1 or more" in said
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "most"),
+    [
+        ("segment", "--path-tolerance", "1000"),
+        ("segment", "--angle-tolerance", "180"),
+        ("evaluate", "--tolerance", "10"),
+        ("evaluate", "--slack", "10"),
+    ],
+)
+def test_no_tolerance_is_beyond_what_it_bounds(command: str, option: str, most: str) -> None:
+    """Each was accepted: 1000 s of slack, typed for ms, made every changepoint right."""
+    assert f"Invalid value for '{option}': 'inf', expected a " in refusal(command, "x.npz", option, "inf")
+    assert f"'1001', expected a number from 0{'.1' * (command == 'segment')} to {most}" in refusal(
+        command, "x.npz", option, "1001"
     )
 
 
 @pytest.mark.parametrize(
     "command",
-    [("serve", "--journal-days"), ("serve", "--instance-silence-s"), ("evaluate", "--slack")],
+    [("serve", "--journal-days"), ("serve", "--instance-silence-s"), ("serve", "--journal-gb")],
     ids=" ".join,
 )
 def test_a_number_with_a_limit_is_finite(command: tuple[str, ...]) -> None:

@@ -52,6 +52,7 @@ THESIS, ROUNDTRIP, REALISM, COACHING = "thesis", "roundtrip", "realism", "coachi
 ALL_SUITES = [*SUITES, THESIS, ROUNDTRIP, REALISM, COACHING]
 SEEDS, THESIS_SEEDS, COACHING_SEEDS = 5, 20, 3
 SLACK_S = 0.2
+WIDEST_S = 10.0  # of a tolerance: beyond it every changepoint of a segment is right
 DATA_VARIABLE = "CAESURA_REAL_DATA"
 
 R = TypeVar("R")
@@ -129,13 +130,16 @@ def evaluate(
     tolerance: Annotated[
         float,
         typer.Option(
-            min=0.0, help="Smallest tolerance \\[s]; smaller ones of annotated points are raised to it."
+            min=0.0,
+            max=WIDEST_S,
+            help="Smallest tolerance \\[s]; smaller ones of annotated points are raised to it.",
         ),
     ] = 0.0,
     slack: Annotated[
         float,
         typer.Option(
             min=0.0,
+            max=WIDEST_S,
             help="Seconds that a second set of results adds to the tolerance of each point, before "
             "--tolerance. 0: no second set.",
         ),
@@ -358,7 +362,7 @@ def _check_calibration(
     """
     if calibrated and (otherwise or suite_name not in (None, *SUITES)):
         raise TruthError(
-            f"--calibration judges presets on files or on a suite of {list(SUITES)}, "
+            f"--calibration judges presets on files or on a suite of {', '.join(SUITES)}, "
             "without --ablate or --evidence"
         )
     if file is not None and not calibrated:
@@ -427,9 +431,9 @@ def _cases(
     known: Sequence[str] = ALL_SUITES,
 ) -> list[Case]:
     if bool(recordings) == (suite_name is not None):
-        raise TruthError(f"name either files or one --suite of {known}")
+        raise TruthError(f"name either files or one --suite of {', '.join(known)}")
     if suite_name is not None and suite_name not in SUITES:
-        raise TruthError(f"no suite {suite_name!r}, known: {known}")
+        raise TruthError(f"no suite {suite_name!r}, known: {', '.join(known)}")
     if suite_name is not None:
         return suite(suite_name, extent)
     return files(recordings, reading)

@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.keys import check_name
+from caesura_protocol.keys import NAME_WORDS, check_name, is_name
 from caesura_protocol.transport.default_endpoint import DEFAULT_ENDPOINT
 from caesura_protocol.transport.diagnosis import CERTIFICATE_WARNS_S
 from caesura_service.app import Service, run_service, stopping
@@ -103,7 +103,7 @@ def serve(
     journal_days: Annotated[
         float,
         typer.Option(
-            min=0.0,
+            min=1.0,  # below it an open session would be deleted in a pause of the robot
             help="Days for which a session is kept after its last change. A pause of over a week without any "
             "record counts as a week.",
         ),
@@ -133,6 +133,8 @@ def serve(
     Prints one line with the endpoint once the service can be found; logs go to stderr.
     """
     _log_to_stderr(log_level, log_format, instance if instances == 1 else ROUTER)
+    if not is_name(instance):
+        raise typer.BadParameter(f"{instance!r}, expected {NAME_WORDS}", param_hint="--instance")
     if preset not in PRESETS:
         raise typer.BadParameter(f"{preset!r}, known: {', '.join(sorted(PRESETS))}", param_hint="--preset")
     if listen is not None and connect is not None:

@@ -50,7 +50,8 @@ def test_what_is_doubtful_of_a_recording_is_said_as_by_segment(tmp_path: Path):
     shutil.copy(truth_file(BUTTON), tmp_path / "one.ann.json")
     result = run(tmp_path / "one.npz", "--length-unit", "mm", "--no-baselines", "--workers", "1")
     assert result.exit_code == 0
-    (line,) = [one for one in result.stderr.splitlines() if one.startswith("warning")]
+    stated, line = [one for one in result.stderr.splitlines() if one.startswith("warning")]
+    assert stated.startswith("warning: one.npz: length_unit 'm' of the file is not used: ")
     assert line.startswith("warning: one.npz: positions are within 0.000")
     assert "is the declared unit right?" in line
     assert "warning" not in run(BUTTON, "--preset", "default", "--no-baselines").stderr
@@ -81,8 +82,8 @@ def test_default_without_a_principle_is_a_preset_too():
         ((BUTTON, "--suite", "real"), "either files or one --suite"),
         (
             ("--suite", "nonsense"),
-            "known: ['teacher', 'skills', 'hand', 'real', 'sensors', 'tempo', 'windows', 'starts', 'thesis', "
-            "'roundtrip', 'realism', 'coaching']",
+            "known: teacher, skills, hand, real, sensors, tempo, windows, starts, thesis, roundtrip, "
+            "realism, coaching",
         ),
         (("--suite", "real", "--data", "/nowhere"), "no such directory"),
         (("--suite", "teacher", "--robot", "ur5"), "'ur5' is not known, expected one of"),

@@ -34,6 +34,29 @@ def test_what_the_file_declares_holds_unless_it_is_overridden(tmp_path):
     assert load_recording(tmp_path / "a.npz", length_unit="cm").length_unit == "cm"
 
 
+def test_what_an_option_replaces_is_named(tmp_path):
+    """A Panda's joints were read as those of an iiwa14, which has as many, without a word."""
+    stated = {
+        "robot": "panda",
+        "up": "z",
+        "length_unit": "mm",
+        "wrench_source": "none",
+        "hand_on_robot": "no",
+    }
+    np.savez(tmp_path / "a.npz", t=np.arange(3.0), q=np.zeros((3, 7)), **stated)
+    same = stated | {"up": "0,0,1"}
+    assert load_recording(tmp_path / "a.npz", **same).cautions == ()
+    others = {"robot": "iiwa14", "up": "-z", "length_unit": "m", "hand_on_robot": "yes"}
+    read = load_recording(tmp_path / "a.npz", **others, wrench_source="flange_sensor")
+    assert (read.setting.robot, read.setting.up, read.length_unit) == ("iiwa14", (0.0, 0.0, -1.0), "m")
+    assert read.cautions == (
+        "hand_on_robot 'no' of the file is not used: --hand-on-robot states yes",
+        "length_unit 'mm' of the file is not used: --length-unit states m",
+        "up 'z' of the file is not used: --up states 0,0,-1",
+        "robot 'panda' of the file is not used: --robot states iiwa14",
+    ), "the source is ignored, because there is no force"
+
+
 def test_csv_carries_one_column_a_component_and_options_in_comments(tmp_path):
     file = tmp_path / "a.csv"
     file.write_text(
@@ -57,7 +80,7 @@ def test_without_a_wrench_there_is_no_wrench_source(tmp_path):
         ({"signals": {"force": np.zeros((2, 3))}}, "at least one of pos and q"),
         ({"signals": {"pos": np.zeros((2, 3)), "mood": np.zeros((2, 1))}}, "unknown signal 'mood'"),
         ({"signals": {"pos": np.zeros((3, 3))}}, r"pos has shape \(3, 3\), expected \(2, 3\)"),
-        ({"length_unit": "inch"}, "inch.*'m', 'cm', 'mm'"),
+        ({"length_unit": "inch"}, "inch.*one of m, cm, mm$"),
         ({"t": np.array([0.0, np.nan])}, "sample 1: t is nan, expected a finite number"),
     ],
     ids=str,

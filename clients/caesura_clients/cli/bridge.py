@@ -155,6 +155,7 @@ def bridge(
         scenario=scenario,
         seed=seed,
         robot=asked.robot,
+        up=asked.up,
         mapping=mapping,
         host=host,
         gripper=not no_gripper,

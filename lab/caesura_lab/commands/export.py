@@ -73,7 +73,12 @@ def export_recording(
         recordings = []
         for file in found:
             recording = load_recording(
-                file, **reading._asdict(), robot=asked.robot, mapping=mapping, as_stated=copied
+                file,
+                **reading._asdict(),
+                robot=asked.robot,
+                up=asked.up,
+                mapping=mapping,
+                as_stated=copied,
             )
             for line in (ignored_line(recording), *recording.assumed, *recording.cautions, *recording.doubts):
                 if line:

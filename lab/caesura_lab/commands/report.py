@@ -40,7 +40,7 @@ def report(
     """Draw a recording with its segmentation: signals, path, tables, and the posterior over time."""
     with reported():
         _writable(out)
-        recording = load_recording(file, **reading._asdict(), robot=asked.robot, mapping=mapping)
+        recording = load_recording(file, **reading._asdict(), robot=asked.robot, up=asked.up, mapping=mapping)
         beside = truth_file(file)
         annotation = truth or (beside if beside.is_file() else None)
         recording = replace(recording, setting=asked.setting().completed_by(recording.setting))

@@ -57,7 +57,11 @@ class _Job(NamedTuple):
     def segmented(self, file: Path) -> _Segmented:
         """Read and segment a file. Raises CaesuraError, ProtocolError."""
         recording = load_recording(
-            file, **self.reading._asdict(), robot=self.asked.robot, mapping=self.mapping
+            file,
+            **self.reading._asdict(),
+            robot=self.asked.robot,
+            up=self.asked.up,
+            mapping=self.mapping,
         )
         recording = replace(recording, setting=self.asked.setting().completed_by(recording.setting))
         view = segmented(without_confirmed(recording), self.preset, self.threshold)

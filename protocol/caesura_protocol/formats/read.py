@@ -119,15 +119,16 @@ def load_recording(
             ignored = [*ignored, "torque, because it has the frame of force, and force_base is read"]
     _check_frame(path, arrays, options.get("force_frame"), force_frame)
     _check_overrides(path, options, overrides)
-    options |= {key: value for key, value in overrides.items() if value is not None}
+    in_file, asked_for = dict(options), {key: v for key, v in (overrides | of_cell).items() if v is not None}
+    options |= asked_for
     ignored = [*ignored, *_without_wrench(arrays, options), *_without_force(arrays, force_frame)]
+    overridden = tuple(_overridden(in_file, {key: options[key] for key in asked_for}))
     _convert(path, raw, stated)
     lost, changes, began_s = _losses(path, options, stated), _changes(path, options), _began_s(path, options)
     description, undescribed = parse_description(options)
     options = {key: value for key, value in options.items() if key not in DESCRIBED}
     signals = {s: _as_matrix(arrays[s]) for s in COLUMNS_OF_SIGNAL if s in arrays}
     assumes_frame = "force" in signals and "force_frame" not in options
-    options |= of_cell
     asked = {key: _asked(path, key, options.pop(key)) for key in CellSettings._fields if key in options}
     recording = Recording(
         arrays["t"],
@@ -153,7 +154,8 @@ def load_recording(
         check_clock(recording)
     slow = slow_pose(recording.t, recording.signals)
     of_places = filter(None, (slow, stray_places(recording), leaping_places(recording)))
-    recording = replace(recording, cautions=(*recording.beyond_samples, *left_out(recording), *of_places))
+    cautions = (*overridden, *recording.beyond_samples, *left_out(recording), *of_places)
+    recording = replace(recording, cautions=cautions)
     return recording if as_stated else _with_usable_wrench(recording)
 
 
@@ -277,6 +279,22 @@ def _check_overrides(path: Path, options: Mapping[str, str], overrides: Mapping[
         given = " and ".join(f"--{key.replace('_', '-')} {value}" for key, value in stated.items())
         other = f" does not fit {path.name}" if len(stated) == 1 else " do not fit each other"
         raise RecordingError(f"{given}{other}: {wrong}")
+
+
+def _overridden(in_file: Mapping[str, str], used: Mapping[str, str]) -> Iterator[str]:
+    """Yield a sentence on each statement of the file that an option of the command line replaces."""
+    for key, value in used.items():
+        if key in in_file and _normal(key, in_file[key]) != value:
+            option = f"--{key.replace('_', '-')}"
+            yield f"{key} {in_file[key]!r:.80} of the file is not used: {option} states {value}"
+
+
+def _normal(key: str, text: str) -> str:
+    """Return a statement of a file in the form of the command line; an invalid one is returned unchanged."""
+    try:
+        return up_text(parse_up(text)) if key == "up" else text
+    except ValueError:
+        return text
 
 
 def _stated_up(up: str | None) -> dict[str, str]:

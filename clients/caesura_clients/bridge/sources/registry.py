@@ -47,6 +47,7 @@ class SourceOptions:
     time_unit: str | None = None
     angle_unit: str | None = None
     force_unit: str | None = None
+    up: str | None = None  # of a file
 
 
 def open_source(name: str, options: SourceOptions) -> Source:
@@ -105,6 +106,7 @@ def _file(options: SourceOptions) -> Source:
         time_unit=options.time_unit,
         angle_unit=options.angle_unit,
         force_unit=options.force_unit,
+        up=options.up,
         robot=options.robot,
         mapping=options.mapping,
     )

@@ -147,16 +147,27 @@ def test_patience_ends(monkeypatch, refusal: Exception):
 @pytest.mark.parametrize(
     ("typed", "message"),
     [
-        ("target=1,2", r"^target is '1,2', expected three numbers X,Y,Z \[mm\]$"),
-        ("target=up", r"^target is 'up', expected three numbers X,Y,Z \[mm\]$"),
-        ("force=8", r"^force is '8', expected three numbers X,Y,Z \[N\]$"),
-        ("width=wide", r"^width is 'wide', expected a number$"),
-        ("colour=red", r"^'colour=red' is no value, expected one of: name=…"),
+        ("target=1,2", r"^target is '1,2', expected target=X,Y,Z \[mm\]$"),
+        ("target=up", r"^target is 'up', expected target=X,Y,Z \[mm\]$"),
+        ("force=8", r"^force is '8', expected force=X,Y,Z \[N\]$"),
+        ("width=wide", r"^width is 'wide', expected width=NUMBER \[mm\]$"),
+        (
+            "colour=red",
+            r"^'colour=red' is no value, expected one of: .*, force=X,Y,Z \[N\], width=NUMBER \[mm\]",
+        ),
     ],
 )
 def test_a_value_that_cannot_be_read_is_named_with_what_is_expected(typed: str, message: str):
     with pytest.raises(typer.BadParameter, match=message):
         edit_program_command.typed(["insert", "0", "grasp", typed])
+
+
+def test_an_inserted_press_without_a_force_is_refused_with_its_form():
+    """The service refused it with "'apply force' needs a force": how it is typed was only in the docs."""
+    with pytest.raises(typer.BadParameter, match=r"^apply_force needs a force, .*: force=X,Y,Z \[N\]$"):
+        edit_program_command.typed(["insert", "1", "apply_force", "name=Press"])
+    with pytest.raises(typer.BadParameter, match=r"'7' is no value, expected one of: .* force=NUMBER \[N\]"):
+        edit_program_command.typed(["change", "1", "7"])
 
 
 # --- a part that was taught again -------------------------------------------------------------------------

@@ -32,11 +32,11 @@ MM = 0.001  # [m]
 
 
 class _Value(NamedTuple):
-    """The typed form of a value: its field in the message, the parser of its text, and the expected form."""
+    """The typed form of a value: its field in the message, the parser of its text, and the text's form."""
 
     field: str
     read: Callable[[str], Any]
-    expected: str = "a number"
+    form: str
 
 
 def _length(text: str) -> float:
@@ -48,28 +48,26 @@ def _vector(text: str, scale: float = 1.0) -> tuple[float, ...]:
     return x, y, z
 
 
-_TARGET = _Value("target", lambda text: _vector(text, MM), "three numbers X,Y,Z [mm]")
+_TARGET = _Value("target", lambda text: _vector(text, MM), "X,Y,Z [mm]")
 CHANGES: Mapping[str, _Value] = {
-    "name": _Value("name", str),
-    "note": _Value("note", str),
+    "name": _Value("name", str, "TEXT"),
+    "note": _Value("note", str, "TEXT"),
     "target": _TARGET,
-    "position": _Value("target_name", str),
-    "speed": _Value("speed", float),
-    "force": _Value("force_n", float),
-    "tolerance": _Value("tolerance_m", _length),
-    "width": _Value("gripper_width", _length),
+    "position": _Value("target_name", str, "TEXT"),
+    "speed": _Value("speed", float, "FACTOR"),
+    "force": _Value("force_n", float, "NUMBER [N]"),
+    "tolerance": _Value("tolerance_m", _length, "NUMBER [mm]"),
+    "width": _Value("gripper_width", _length, "NUMBER [mm]"),
     "as-taught": _Value(
-        "as_taught",
-        lambda text: [CHANGES[name].field for name in text.split(",")],
-        "names of values such as target,speed",
+        "as_taught", lambda text: [CHANGES[name].field for name in text.split(",")], "VALUE,VALUE"
     ),
 }
 INSERTED: Mapping[str, _Value] = {
     "name": CHANGES["name"],
     "target": _TARGET,
-    "force": _Value("force", _vector, "three numbers X,Y,Z [N]"),
+    "force": _Value("force", _vector, "X,Y,Z [N]"),
     "width": CHANGES["width"],
-    "seconds": _Value("seconds", float),
+    "seconds": _Value("seconds", float, "NUMBER [s]"),
 }
 WORDS: Mapping[str, tuple[str, ...]] = {
     "change": ("app",),
@@ -88,6 +86,13 @@ USAGE = "; ".join(
     for do, words in WORDS.items()
 )
 _LENGTHS = (_TARGET, CHANGES["tolerance"], CHANGES["width"])
+
+
+def _forms(values: Mapping[str, _Value]) -> str:
+    return ", ".join(f"{name}={value.form}" for name, value in values.items())
+
+
+_HELP = f"Values of change: {_forms(CHANGES)}; of insert: {_forms(INSERTED)}. ".replace("[", r"\[")
 _ACTION: TypeAdapter[ProgramAction] = TypeAdapter(ProgramAction)
 
 
@@ -98,9 +103,8 @@ def edit_program(
         list[str] | None,
         typer.Argument(
             help=f"{USAGE}. APP: its number in the table; AFTER: likewise, 0 for the beginning. "
-            f"Values of change: {', '.join(CHANGES)}; of insert: {', '.join(INSERTED)}. "
-            "The part of replace: its first and last app, or --from and --to. "
-            "Lengths \\[mm], force \\[N], speed as a factor. Without an action the edits are listed."
+            f"{_HELP}The part of replace: its first and last app, or --from and --to. "
+            "Without an action the edits are listed."
         ),
     ] = None,
     author: Annotated[
@@ -194,6 +198,10 @@ def typed(words: Sequence[str], part: Part = NO_PART) -> Typed:
     values: dict[str, Any] = {}
     for text in rest[len(names) :]:
         values |= _value(text, VALUES[do])
+    presses = any(facts.presses for kind, facts in APP_KINDS.items() if kind == given.get("kind"))
+    if presses and "force" not in values:
+        form = INSERTED["force"].form
+        raise wrong(f"{given['kind']} needs a force, in the base frame as the robot exerts it: force={form}")
     return Typed(do, given, values, part)
 
 
@@ -239,13 +247,12 @@ def _part(found: Typed, program: Program, clock: SessionClock) -> tuple[AppRefer
 def _value(text: str, values: Mapping[str, _Value]) -> dict[str, Any]:
     name, _, given = text.partition("=")
     if name not in values:
-        expected = ", ".join(f"{known}=…" for known in values)
-        raise wrong(f"{text!r} is no value, expected one of: {expected}")
+        raise wrong(f"{text!r} is no value, expected one of: {_forms(values)}")
     value = values[name]
     try:
         return {value.field: value.read(given)}
     except (KeyError, ValueError) as error:
-        raise wrong(f"{name} is {given!r}, expected {value.expected}") from error
+        raise wrong(f"{name} is {given!r}, expected {name}={value.form}") from error
 
 
 def _reference(program: Program, number: str) -> AppReference:

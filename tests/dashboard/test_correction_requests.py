@@ -13,7 +13,7 @@ from caesura_clients.dashboard.correction_requests import (
     preview,
     said,
 )
-from caesura_protocol.errors import CaesuraError, ProtocolError
+from caesura_protocol.errors import CaesuraError, ProtocolError, Unreachable
 from caesura_protocol.keys import service_key
 from caesura_protocol.messages import (
     Ack,
@@ -83,7 +83,7 @@ def test_of_a_session_with_times_of_day_words_have_its_clock_and_the_service_tha
     ],
 )
 def test_what_is_no_correction_never_reaches_the_service(request_):
-    with pytest.raises(EditRefused, match="Not done"):
+    with pytest.raises(EditRefused, match=r"^Not done: .*[^.]\.$"):
         parse({**ASKED, **request_})
 
 
@@ -105,7 +105,8 @@ def test_a_refusal_of_who_comes_second_applies_to_the_revision_that_is_there():
 @pytest.mark.parametrize(
     ("error", "words"),
     [
-        (CaesuraError("nobody answers"), "Not done: nobody answers"),
+        (CaesuraError("nobody answers"), "Not done: nobody answers."),
+        (Unreachable("no router; is it running?"), "Not done: no router; is it running?"),
         (ProtocolError("conflict", "undo 3 first", value=1, expected=3), "Not done: undo 3 first."),
         (
             ProtocolError("malformed", "the time is outside", value=9.2, limit=[0.0, 8.4]),

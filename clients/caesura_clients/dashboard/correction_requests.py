@@ -71,9 +71,9 @@ def refused(
     error: ProtocolError | CaesuraError, command: Edit | EditProgram, clock: SessionClock
 ) -> EditRefused:
     """Return the refusal of a command for an operator, with the revision to which its reason applies."""
-    if isinstance(error, CaesuraError):
-        return EditRefused(clock.text(f"Not done: {error}"), command.revision)
-    revision = error.limit if is_stale(error) else command.revision
+    revision = command.revision
+    if isinstance(error, ProtocolError) and is_stale(error):
+        revision = error.limit
     return EditRefused(said(error, command.action, clock), revision)
 
 
@@ -92,10 +92,8 @@ def preview(
         return _no_effect(str(error))
     try:
         effect = ask(station, asked).effect
-    except ProtocolError as error:
+    except (ProtocolError, CaesuraError) as error:
         return _no_effect(said(error, asked.action, clock))
-    except CaesuraError as error:
-        return _no_effect(clock.text(f"Not done: {error}"))
     if effect is None:
         return _no_effect("The service states no effect.")
     both = (*effect.segments_before, *effect.segments_after)
@@ -134,12 +132,19 @@ def _parsed(model: type[M], action: TypeAdapter[Any], request: Request, names: S
     try:
         return model.model_validate({**common, "action": action.validate_python(own)})
     except ValidationError as error:
-        raise EditRefused(f"Not done: {first_finding(error)}") from error
+        raise EditRefused(said(first_finding(error))) from error
 
 
-def said(error: ProtocolError, action: Refused | None = None, clock: SessionClock = NO_OFFSET) -> str:
+def said(
+    why: ProtocolError | CaesuraError | str,
+    action: Refused | None = None,
+    clock: SessionClock = NO_OFFSET,
+    *,
+    lead: str = "Not done",
+) -> str:
     """Return a refusal as a sentence for an operator. action: the refused one; clock: of its session."""
-    return f"Not done: {refusal_words(error, action, clock)}."
+    words = refusal_words(why, action, clock) if isinstance(why, ProtocolError) else clock.text(str(why))
+    return f"{lead}: {words}{'' if words.endswith(('.', '?')) else '.'}"
 
 
 def done(edit: Edit, ack: Ack, clock: SessionClock = NO_OFFSET) -> str:

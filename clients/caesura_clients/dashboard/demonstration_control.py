@@ -43,10 +43,8 @@ class DemonstrationDesk:
                 self._describe(station, command)
                 return _described(command)
             return self._pressed(station, command)
-        except ProtocolError as error:
+        except (ProtocolError, CaesuraError) as error:
             raise EditRefused(said(error)) from error
-        except CaesuraError as error:
-            raise EditRefused(f"Not done: {error}") from error
 
     def _pressed(self, station: str, command: Start | Stop) -> str:
         """Start or stop. Raises EditRefused where it may still be done, and where there is more to stop."""
@@ -87,7 +85,7 @@ def parse(request: Request) -> Start | Stop | Describe:
         return ACTIONS.validate_python(given)
     except ValidationError as error:
         found = first_finding(error, named=lambda place: dotted(place[-1:]))
-        raise EditRefused(f"Not done: {found}") from error
+        raise EditRefused(said(found)) from error
 
 
 def _described(command: Describe) -> str:

@@ -11,9 +11,8 @@ from collections import defaultdict, deque
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from caesura_clients.dashboard.correction_requests import EditRefused
+from caesura_clients.dashboard.correction_requests import EditRefused, said
 from caesura_clients.query import program_at_edit
-from caesura_clients.refusal_words import refusal_words
 from caesura_protocol.app_kinds import app_number, app_title
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import App, Program
@@ -38,10 +37,8 @@ def compared_versions(
         raise EditRefused("Not compared: choose two versions.")
     try:
         before, after = (program_at_edit(transport, station, session, int(number or 0)) for number in numbers)
-    except ProtocolError as error:
-        raise EditRefused(f"Not compared: {refusal_words(error)}.") from error
-    except CaesuraError as error:
-        raise EditRefused(f"Not compared: {error}") from error
+    except (ProtocolError, CaesuraError) as error:
+        raise EditRefused(said(error, lead="Not compared")) from error
     return _outcome(before, after)
 
 

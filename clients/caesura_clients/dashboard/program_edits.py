@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from caesura_clients.dashboard.correction_requests import EditRefused, refused
+from caesura_clients.dashboard.correction_requests import EditRefused, refused, said
 from caesura_clients.dashboard.edit_conflicts import ATTEMPTS, edited_again
 from caesura_clients.dashboard.program_form_values import shown_numbers, shown_texts
 from caesura_clients.program_editing import FIELD_WORDS, in_words, outcome_words, reference
@@ -133,7 +133,7 @@ def parse(request: Request) -> EditProgram:
         return EditProgram.model_validate(dict(request))
     except ValidationError as error:
         found = first_finding(error, named=lambda place: dotted(place[-1:]))
-        raise EditRefused(f"Not done: {found}") from error
+        raise EditRefused(said(found)) from error
 
 
 def editing_of(program: Program, clock: SessionClock = NO_OFFSET) -> dict[str, Any]:

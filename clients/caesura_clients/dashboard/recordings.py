@@ -22,7 +22,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
-from caesura_clients.dashboard.correction_requests import EditRefused
+from caesura_clients.dashboard.correction_requests import EditRefused, said
 from caesura_clients.dashboard.upload_folder import UploadFolder, remove_abandoned
 from caesura_protocol.errors import printable
 from caesura_protocol.formats.foreign_csv import SIGNAL_OF_COLUMN
@@ -237,7 +237,7 @@ class RecordingDesk:
         try:
             wanted = PlayRequest.model_validate(request)
         except ValidationError as error:
-            raise EditRefused(f"Not played: {first_finding(error)}") from error
+            raise EditRefused(said(first_finding(error), lead="Not played")) from error
         if wanted.station in taken:
             raise EditRefused(
                 f"The robot of station {wanted.station} is connected: choose another station, so that its "

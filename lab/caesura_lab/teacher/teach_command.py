@@ -12,8 +12,11 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from caesura_clients.cli.options import reported
 from caesura_lab.teacher.motion_profiles import PROFILES, Profile
 from caesura_lab.teacher.scenarios import SCENARIOS
+from caesura_protocol.errors import CaesuraError
+from caesura_protocol.formats.write import check_new, check_writable
 from caesura_protocol.messages import WRENCH_SOURCES, WrenchSource
 from caesura_protocol.number_words import counted
 
@@ -53,16 +56,28 @@ def teach(
     file = out or Path(f"{scenario}.npz")
     if file.suffix != ".npz":
         raise typer.BadParameter(f"{file} has suffix {file.suffix!r}, expected .npz", param_hint="--out")
+    truth_file = file.with_suffix(".ann.json")
+    with reported():
+        _check_new(file, truth_file)
     teaching = _teaching(scenario, seed, wrench_source, profile, rate, robot, natural=natural)
     demonstration = _simulate(teaching)
-    truth_file = file.with_suffix(".ann.json")
-    file.parent.mkdir(parents=True, exist_ok=True)
     demonstration.recording.save(file)
     truth_file.write_text(
         json.dumps(demonstration.truth | {"file": file.name}, indent=1) + "\n", encoding="utf-8"
     )
     samples = counted(demonstration.recording.t.size, "sample")
     Console().print(f"{file}: {samples}, {teaching.duration_s:.1f} s; {truth_file}")
+
+
+def _check_new(file: Path, truth_file: Path) -> None:
+    """Make the directory. Raises CaesuraError if it cannot be written to, or one of the files exists."""
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CaesuraError(f"cannot write {file}: {error.strerror}") from error
+    check_writable(file)
+    for one in (file, truth_file):
+        check_new(one)  # it may be taught or annotated by a person
 
 
 def _teaching(
@@ -96,7 +111,7 @@ def _teaching(
 
 def _one_of(known: Sequence[str], value: str, option: str) -> str:
     if value not in known:
-        raise typer.BadParameter(f"{value!r}, expected one of {list(known)}", param_hint=option)
+        raise typer.BadParameter(f"{value!r}, expected one of {', '.join(known)}", param_hint=option)
     return value
 
 

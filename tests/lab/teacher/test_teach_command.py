@@ -32,6 +32,27 @@ def test_teach_writes_a_recording_and_its_truth(app: typer.Typer, tmp_path: Path
     assert truth["window"][1] == pytest.approx(recording.t[-1], abs=0.006)
 
 
+@pytest.mark.parametrize("name", ["button.npz", "button.ann.json"])
+def test_an_existing_recording_or_annotation_is_not_replaced(
+    app: typer.Typer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """`caesura teach button` replaced a recording of that name, and the annotation that a person had made."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).write_text("of a person")
+    result = CliRunner().invoke(app, ["teach", "button"])
+    assert result.exit_code == 1
+    assert result.stderr == f"error: cannot write {name}: it exists; name another file, or move it away\n"
+    assert [one.read_text() for one in tmp_path.iterdir()] == ["of a person"]
+
+
+def test_a_directory_that_cannot_be_made_is_named(app: typer.Typer, tmp_path: Path) -> None:
+    """A traceback, after the demonstration was simulated."""
+    (tmp_path / "file").touch()
+    result = CliRunner().invoke(app, ["teach", "button", "-o", str(tmp_path / "file" / "a.npz")])
+    assert result.exit_code == 1
+    assert result.stderr.endswith("a.npz: File exists\n")
+
+
 def test_list_shows_every_scenario(app: typer.Typer) -> None:
     output = CliRunner().invoke(app, ["teach", "--list"]).output
     assert all(name in output for name in SCENARIOS)

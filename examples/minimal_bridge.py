@@ -6,6 +6,7 @@ Every message is a msgpack map with an encoding that names its type; `docs/api.m
     python minimal_bridge.py tcp/127.0.0.1:7447 cell-1
 """
 
+import argparse
 import json
 import math
 import struct
@@ -129,7 +130,7 @@ def robot(seconds):
         yield [t, 0.4 + 0.1 * math.sin(2.0 * t), 0.0, 0.3]
 
 
-def main(endpoint="tcp/127.0.0.1:7447", station="cell-1", seconds="5"):
+def main(endpoint, station, seconds):
     """Teach for some seconds."""
     config = zenoh.Config()
     settings = {
@@ -148,7 +149,7 @@ def main(endpoint="tcp/127.0.0.1:7447", station="cell-1", seconds="5"):
         bridge = MinimalBridge(session, station, f"s{time.strftime('%Y%m%d-%H%M%S')}")
         bridge.open()
         begun, seq, rows = time.monotonic(), 0, []
-        for row in robot(float(seconds)):
+        for row in robot(seconds):
             rows.append(row)
             if len(rows) == BATCH:
                 bridge.put(seq, rows)
@@ -162,4 +163,10 @@ def main(endpoint="tcp/127.0.0.1:7447", station="cell-1", seconds="5"):
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("endpoint", nargs="?", default="tcp/127.0.0.1:7447")
+    parser.add_argument("station", nargs="?", default="cell-1")
+    parser.add_argument("seconds", type=float, nargs="?", default=5.0)
+    main(**vars(parser.parse_args()))

@@ -4,7 +4,7 @@ Here the robot is a sine; put the reading of yours into `chunks`. The bridge num
 last two minutes for replay, finds the service again after an absence, and closes the session.
 """
 
-import sys
+import argparse
 import time
 from collections.abc import Iterator
 
@@ -38,6 +38,10 @@ class Sine:
             time.sleep(max(0.0, begun + t[-1] - time.monotonic()))
 
 
-with connect() as caesura, caesura.bridge("cell-1", Sine(float((sys.argv[1:] or ["5"])[0]))) as bridge:
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("seconds", type=float, nargs="?", default=5.0)
+seconds = parser.parse_args().seconds
+
+with connect() as caesura, caesura.bridge("cell-1", Sine(seconds)) as bridge:
     ack = bridge.run()
     print(f"session {bridge.session}: {ack.next_seq} batches, {ack.lost} of them lost")

@@ -45,6 +45,15 @@ def run(name: str, *args: str, endpoint: str) -> str:
     return done.stdout
 
 
+@pytest.mark.parametrize("file", sorted(EXAMPLES.glob("*.py")), ids=lambda file: file.name)
+def test_an_example_states_its_arguments(file: Path):
+    """`--help` was taken for an endpoint or a number, or was ignored: each ended with a traceback."""
+    command = [sys.executable, file, "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith(f"usage: {file.name} [-h] [")
+
+
 def test_a_bridge_of_ones_own_a_query_and_a_reader(service, caesura):
     said = run("own_source.py", "2", endpoint=service.endpoint)
     session = said.split()[1].rstrip(":")

@@ -53,7 +53,7 @@ MAX_TEXT = 1001  # characters of an encoding, or of a query's parameters; those 
 expression_of = lru_cache(4096)(zenoh.KeyExpr)
 encoding_of = lru_cache(len(MESSAGE_TYPES))(zenoh.Encoding)
 
-_QUOTED_REASON = re.compile(r'msg: "((?:[^"\\]|\\.)*)')
+_QUOTED_REASON = re.compile(r'\b(?:msg|message): "((?:[^"\\]|\\.)*)')
 _OS_REASON = re.compile(r"([^:\[\]]+) \(os error \d+\)")
 
 PRIORITIES: Mapping[Priority, zenoh.Priority] = {
@@ -344,12 +344,14 @@ def _undeclared(undeclare: Callable[[], object]) -> Iterator[None]:
 
 
 def reason(error: Exception) -> str:
-    """Return zenoh's error text on one line, without the place in zenoh's sources.
+    """Return zenoh's error text on one line, without the place in zenoh's sources and a file's content.
 
     >>> reason(ValueError('Json5Err(Message { msg: "no such thing" }) at /root/.cargo/zenoh/src/lib.rs:7.'))
     'no such thing'
     >>> reason(ValueError("No link: [[::]:1: Address already in use (os error 98) at /x.rs:61.] at /y.rs:3."))
     'Address already in use'
+    >>> reason(ValueError('TOML error: Error { message: "no such key", input: Some("pin = 7") }'))
+    'no such key'
     """
     text = str(error).partition(" at /")[0]
     quoted = _QUOTED_REASON.search(text) or _OS_REASON.search(text)

@@ -291,7 +291,7 @@ def _text(entry: Mapping[str, Any], name: str) -> str:
 def _choice(entry: Mapping[str, Any], name: str, known: Sequence[str]) -> str | None:
     value: str | None = entry.get(name)
     if value is not None and value not in known:
-        raise ValueError(f"{name} is {value!r}, expected one of {list(known)}")
+        raise ValueError(f"{name} is {value!r}, expected one of {', '.join(known)}")
     return value
 
 
@@ -325,7 +325,7 @@ def _window(values: Any) -> tuple[float, float]:
 def _point(mark: Mapping[str, Any], window: tuple[float, float]) -> TrueChangepoint:
     level = mark["level"]
     if level not in LEVELS:
-        raise ValueError(f"level is {level!r}, expected one of {list(LEVELS)}")
+        raise ValueError(f"level is {level!r}, expected one of {', '.join(LEVELS)}")
     tolerance = _number(mark, "tol")
     if not tolerance >= 0.0:
         raise ValueError(f"tol is {tolerance}, expected 0 s or more")
@@ -347,7 +347,7 @@ def _number_within(mark: Mapping[str, Any], name: str, window: tuple[float, floa
 def _span(segment: Mapping[str, Any]) -> TrueSegment:
     kind = segment["cls"]
     if kind not in KINDS:
-        raise ValueError(f"cls is {kind!r}, expected one of {list(KINDS)}")
+        raise ValueError(f"cls is {kind!r}, expected one of {', '.join(KINDS)}")
     return TrueSegment(*_ends(segment), kind)
 
 

@@ -118,12 +118,13 @@ class Recording:
             )
         if not {"pos", "q"} & set(self.signals):
             raise RecordingError(
-                f"{self.name}: has {sorted(self.signals)}, expected at least one of pos and q"
+                f"{self.name}: has {', '.join(sorted(self.signals)) or 'no signals'}, "
+                "expected at least one of pos and q"
             )
         for signal, values in self.signals.items():
             if signal not in COLUMNS_OF_SIGNAL:
                 raise RecordingError(
-                    f"{self.name}: unknown signal {signal!r}, known: {list(COLUMNS_OF_SIGNAL)}"
+                    f"{self.name}: unknown signal {signal!r}, known: {', '.join(COLUMNS_OF_SIGNAL)}"
                 )
             width = len(COLUMNS_OF_SIGNAL[signal])
             widths = range(1, width + 1) if signal in JOINT_SIGNALS else (width,)
@@ -146,7 +147,7 @@ class Recording:
         for key, known in OPTIONS.items():
             if not is_option(key, getattr(self, key)):
                 raise RecordingError(
-                    f"{self.name}: {key} is {getattr(self, key)!r}, expected one of {list(known)}"
+                    f"{self.name}: {key} is {getattr(self, key)!r}, expected one of {', '.join(known)}"
                 )
         if (wrong := contradiction(self.wrench_source, self.hand_on_robot)) is not None:
             raise RecordingError(f"{self.name}: {wrong}")

@@ -179,7 +179,7 @@ class AnnotationEditor:
     def edit(self, name: str, t: float) -> None:
         """Apply an edit of EDITS at t [s], to the millisecond. Raises EditError, which changes nothing."""
         if name not in EDITS:
-            raise EditError(f"unknown edit {name!r}, expected one of {list(EDITS)}")
+            raise EditError(f"unknown edit {name!r}, expected one of {', '.join(EDITS)}")
         self._documents.append(EDITS[name](self.document, milliseconds(t)))
 
     def undo(self) -> None:

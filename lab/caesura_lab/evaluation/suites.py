@@ -290,7 +290,7 @@ class SuiteOptions:
 def suite(name: str, extent: SuiteOptions) -> list[Case]:
     """Return the cases of a suite. Raises TruthError for an unknown or empty one."""
     if name not in SUITES:
-        raise TruthError(f"no suite {name!r}, known: {list(SUITES)}")
+        raise TruthError(f"no suite {name!r}, known: {', '.join(SUITES)}")
     return SUITES[name](extent)
 
 

@@ -24,7 +24,7 @@ def writer_of(path: Path) -> Writer:
     """Return the writer for the suffix of a file. Raises UnknownFormatError."""
     writer = WRITERS.get(path.suffix.lower())
     if writer is None:
-        raise UnknownFormatError(f"{path}: suffix {path.suffix!r}, expected one of {list(WRITERS)}")
+        raise UnknownFormatError(f"{path}: suffix {path.suffix!r}, expected one of {', '.join(WRITERS)}")
     return writer
 
 

@@ -78,7 +78,7 @@ class SimulatedTeaching:
         natural: bool = False,
     ) -> None:
         if isinstance(scenario, str) and scenario not in SCENARIOS:
-            raise ValueError(f"unknown scenario {scenario!r}, known: {list(SCENARIOS)}")
+            raise ValueError(f"unknown scenario {scenario!r}, known: {', '.join(SCENARIOS)}")
         if not 1.0 <= rate_hz <= 1.0 / DT:
             raise ValueError(f"rate is {rate_hz} Hz, expected 1 to {1.0 / DT:g} Hz")
         rng = np.random.default_rng(seed)

@@ -105,6 +105,7 @@ def _columns(topic: str, rows: list[dict[str, Any]]) -> Iterator[tuple[str, Arra
     names = [name for name in _TOPICS[topic].model_fields if name in rows[0]]
     for index, row in enumerate(rows):
         if row.keys() != rows[0].keys():
-            raise ValueError(f"{topic}, sample {index}: has {sorted(row)}, expected {sorted(rows[0])}")
+            found, expected = (", ".join(sorted(one)) for one in (row, rows[0]))
+            raise ValueError(f"{topic}, sample {index}: has {found}, expected {expected}")
     for name in names:
         yield name, np.array([row[name] for row in rows], dtype=np.float64)

@@ -21,5 +21,5 @@ def preset_named(name: str) -> Preset:
     Raises KeyError, which lists the presets.
     """
     if name not in KNOWN_PRESETS:
-        raise KeyError(f"no preset {name!r}; known: {list(KNOWN_PRESETS)}")
+        raise KeyError(f"no preset {name!r}; known: {', '.join(KNOWN_PRESETS)}")
     return KNOWN_PRESETS[name]

@@ -81,7 +81,9 @@ class SegmentModelSet:
     def __post_init__(self) -> None:
         unknown = {c for kind in self.kinds for c in kind.channels} - set(self.channels)
         if unknown or not self.kinds:
-            raise ValueError(f"kinds name channels {sorted(unknown)}, known: {sorted(self.channels)}")
+            raise ValueError(
+                f"kinds name channels {', '.join(sorted(unknown))}, known: {', '.join(sorted(self.channels))}"
+            )
         if not all(kind.weight > 0.0 for kind in self.kinds):
             raise ValueError(f"weights are {[kind.weight for kind in self.kinds]}, expected all above 0")
         if not all(0.0 < kind.beside_movement <= 1.0 for kind in self.kinds):

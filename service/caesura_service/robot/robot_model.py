@@ -387,10 +387,10 @@ def load_robot(robot: str | RobotDescription) -> Robot:
     joints = tuple(model.names)[1:]  # the first is pinocchio's own, of the world
     if joints != description.joints:
         stated = (
-            f"{description.name} states {list(description.joints)}: expected the same in the same order. "
-            "Make other joints, such as a gripper's, fixed in the URDF"
+            f"{description.name} states {', '.join(description.joints)}: expected the same in the same "
+            "order. Make other joints, such as a gripper's, fixed in the URDF"
         )
-        raise RobotError(f"{path}: movable joints are {list(joints)}, but {stated}")
+        raise RobotError(f"{path}: movable joints are {', '.join(joints) or 'none'}, but {stated}")
     for name, joint in zip(joints, tuple(model.joints)[1:], strict=True):
         if (kind := joint.shortname()) not in REVOLUTE:
             raise RobotError(

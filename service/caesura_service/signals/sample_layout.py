@@ -151,7 +151,7 @@ class SampleLayout:
         """
         samples = np.asarray(samples, dtype=np.float64)
         if samples.shape[1:] != (len(self.columns),):
-            expected = f"(n, {len(self.columns)}) for {list(self.columns)}"
+            expected = f"(n, {len(self.columns)}) for {', '.join(self.columns)}"
             raise ValueError(f"samples have shape {samples.shape}, expected {expected}")
         if not samples.flags.carray:
             samples = samples.copy()
@@ -213,7 +213,9 @@ class SampleLayout:
     def _check_options(self) -> None:
         _ = self.source  # raises where what is stated of the wrench is unknown or contradicts itself
         if self.force_frame not in FORCE_FRAMES:
-            raise ValueError(f"force_frame is {self.force_frame!r}, expected one of {list(FORCE_FRAMES)}")
+            raise ValueError(
+                f"force_frame is {self.force_frame!r}, expected one of {', '.join(FORCE_FRAMES)}"
+            )
         if not (math.isfinite(self.metres_per_unit) and self.metres_per_unit > 0):
             raise ValueError(f"metres_per_unit is {self.metres_per_unit}, expected a length above 0 m")
 
@@ -230,7 +232,7 @@ class SampleLayout:
             missing = set(self._names(_KNOWN[column])) - set(self.columns)
             if missing:
                 raise ValueError(
-                    f"column {column!r} is there but {sorted(missing)} of the same signal is not"
+                    f"column {column!r} is there but {', '.join(sorted(missing))} of the same signal is not"
                 )
         repeated = sorted(name for name in set(self.columns) if self.columns.count(name) > 1)
         if repeated:
@@ -238,8 +240,8 @@ class SampleLayout:
 
     def _check_position(self) -> None:
         if not self.has("pos") and not self.has("q"):
-            expected = f"position {list(SIGNALS['pos'])} or joints q1, q2, …"
-            raise ValueError(f"columns are {list(self.columns)}, expected {expected}")
+            expected = f"position {', '.join(SIGNALS['pos'])} or joints q1, q2, …"
+            raise ValueError(f"columns are {', '.join(self.columns)}, expected {expected}")
         if not self.has("pos") and self.pose_of_joints is None:
             raise ValueError(
                 f"columns have {self.joints} joints and no position, expected a robot to be stated (--robot, "
@@ -257,11 +259,13 @@ class SampleLayout:
                     "joints q1, q2, … of a stated robot: send one, or turn the force into the base frame"
                 )
         elif source != "joint_torque_estimate":
-            raise ValueError(f"wrench_source is {source!r} without force, expected {list(SIGNALS['force'])}")
+            raise ValueError(
+                f"wrench_source is {source!r} without force, expected {', '.join(SIGNALS['force'])}"
+            )
         elif not (self.has("tau") and self.has("q") and self.wrench_of_joint_torques):
             raise ValueError(
-                f"wrench_source is {source!r} in columns {list(self.columns)}, expected force "
-                f"{list(SIGNALS['force'])}, or tau1..tau7 with q1..q7 and wrench_of_joint_torques"
+                f"wrench_source is {source!r} in columns {', '.join(self.columns)}, expected force "
+                f"{', '.join(SIGNALS['force'])}, or tau1..tau7 with q1..q7 and wrench_of_joint_torques"
             )
 
 

@@ -92,9 +92,9 @@ def assumed_source(*, has_force: bool) -> str:
 
 def _check(source: str, hand_on_robot: str, *, stated: bool) -> None:
     if source not in WRENCH_SOURCES:
-        raise ValueError(f"wrench_source is {source!r}, expected one of {list(WRENCH_SOURCES)}")
+        raise ValueError(f"wrench_source is {source!r}, expected one of {', '.join(WRENCH_SOURCES)}")
     if hand_on_robot not in HANDS_ON_ROBOT:
-        raise ValueError(f"hand_on_robot is {hand_on_robot!r}, expected one of {list(HANDS_ON_ROBOT)}")
+        raise ValueError(f"hand_on_robot is {hand_on_robot!r}, expected one of {', '.join(HANDS_ON_ROBOT)}")
     if stated and source == "flange_sensor_with_hand" and hand_on_robot == "no":
         raise ValueError(
             "hand_on_robot is 'no', which contradicts wrench_source 'flange_sensor_with_hand': expected "

@@ -191,7 +191,7 @@ def test_a_page_draws_what_lies_in_its_window(content: ReportData):
 
 
 def test_an_unknown_suffix_names_the_known_ones(content: ReportData, tmp_path: Path):
-    with pytest.raises(UnknownFormatError, match=r"'.docx', expected one of \['.pdf', '.png', '.html'\]"):
+    with pytest.raises(UnknownFormatError, match=r"'\.docx', expected one of \.pdf, \.png, \.html$"):
         write_report(content, tmp_path / "out.docx")
 
 
@@ -225,7 +225,7 @@ def test_the_command_finds_the_truth_beside_the_recording(tmp_path: Path, monkey
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["taught.npz", "-o", "out.gif"], "suffix '.gif', expected one of ['.pdf', '.png', '.html']"),
+        (["taught.npz", "-o", "out.gif"], "suffix '.gif', expected one of .pdf, .png, .html"),
         (["absent.npz", "-o", "out.png"], "no such file"),
         (["taught.npz", "-o", "out.png", "--preset", "best"], "--preset is 'best', expected one of"),
         (["taught.npz", "-o", "nowhere/out.png"], "cannot write nowhere/out.png: no such directory"),

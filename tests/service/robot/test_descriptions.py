@@ -226,11 +226,11 @@ def test_an_unusable_robot_is_named_beside_the_list_of_the_others(
 @pytest.mark.parametrize(
     ("urdf", "changed", "said"),
     [
-        (URDF.replace('"elbow"', '"wrist"'), {}, r"movable joints are \['shoulder', 'wrist'\], but planar"),
+        (URDF.replace('"elbow"', '"wrist"'), {}, "movable joints are shoulder, wrist, but planar"),
         (
             URDF.replace('"elbow" type="revolute"', '"elbow" type="fixed"'),
             {},
-            r"movable joints are \['shoulder'\]",
+            "movable joints are shoulder,",
         ),
         (
             URDF.replace('"elbow" type="revolute"', '"elbow" type="continuous"'),

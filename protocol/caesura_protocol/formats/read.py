@@ -63,7 +63,7 @@ _UNREADABLE = (ValueError, TypeError, OSError, EOFError, RuntimeError, BadZipFil
 
 
 def load_recording(
-    path: Path,
+    path: str | Path,
     *,
     wrench_source: str | None = None,
     hand_on_robot: str | None = None,
@@ -94,6 +94,7 @@ def load_recording(
     is left out, and `Recording.cautions` has the reason. Raises RecordingError for anything that is not a
     recording, SourceError for a missing extra, RobotError for an unknown robot.
     """
+    path = Path(path)
     stated = declared_units(length=length_unit, time=time_unit, angle=angle_unit, force=force_unit)
     overrides = {
         "wrench_source": wrench_source,
@@ -122,7 +123,8 @@ def load_recording(
     in_file, asked_for = dict(options), {key: v for key, v in (overrides | of_cell).items() if v is not None}
     options |= asked_for
     ignored = [*ignored, *_without_wrench(arrays, options), *_without_force(arrays, force_frame)]
-    overridden = tuple(_overridden(in_file, {key: options[key] for key in asked_for}))
+    where = "the file" if mapping is None else "the file or its mapping"
+    overridden = tuple(_overridden(in_file, {key: options[key] for key in asked_for}, where))
     _convert(path, raw, stated)
     lost, changes, began_s = _losses(path, options, stated), _changes(path, options), _began_s(path, options)
     description, undescribed = parse_description(options)
@@ -281,12 +283,12 @@ def _check_overrides(path: Path, options: Mapping[str, str], overrides: Mapping[
         raise RecordingError(f"{given}{other}: {wrong}")
 
 
-def _overridden(in_file: Mapping[str, str], used: Mapping[str, str]) -> Iterator[str]:
-    """Yield a sentence on each statement of the file that an option of the command line replaces."""
+def _overridden(in_file: Mapping[str, str], used: Mapping[str, str], where: str) -> Iterator[str]:
+    """Yield a sentence on each statement in a file that an option of the command line replaces."""
     for key, value in used.items():
         if key in in_file and _normal(key, in_file[key]) != value:
             option = f"--{key.replace('_', '-')}"
-            yield f"{key} {in_file[key]!r:.80} of the file is not used: {option} states {value}"
+            yield f"{key} {in_file[key]!r:.80} of {where} is not used: {option} states {value}"
 
 
 def _normal(key: str, text: str) -> str:

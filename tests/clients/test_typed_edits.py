@@ -162,6 +162,15 @@ def test_a_value_that_cannot_be_read_is_named_with_what_is_expected(typed: str, 
         edit_program_command.typed(["insert", "0", "grasp", typed])
 
 
+def test_a_tolerance_in_another_unit_is_refused():
+    """5000 was accepted: every path kept a tolerance of 5 m."""
+    with pytest.raises(
+        typer.BadParameter, match=r"^tolerance is '5000', expected tolerance=NUMBER \[mm, up to"
+    ):
+        edit_program_command.typed(["change", "1", "tolerance=5000"])
+    assert edit_program_command.typed(["change", "1", "tolerance=1000"]).values == {"tolerance_m": 1.0}
+
+
 def test_an_inserted_press_without_a_force_is_refused_with_its_form():
     """The service refused it with "'apply force' needs a force": how it is typed was only in the docs."""
     with pytest.raises(typer.BadParameter, match=r"^apply_force needs a force, .*: force=X,Y,Z \[N\]$"):

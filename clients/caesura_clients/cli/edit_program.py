@@ -29,6 +29,7 @@ from caesura_protocol.session_time_display import NO_OFFSET, SessionClock, clock
 from caesura_protocol.validation_words import Place
 
 MM = 0.001  # [m]
+MOST_TOLERANCE_M = 1.0  # as of --path-tolerance
 
 
 class _Value(NamedTuple):
@@ -41,6 +42,14 @@ class _Value(NamedTuple):
 
 def _length(text: str) -> float:
     return MM * float(text)
+
+
+def _tolerance(text: str) -> float:
+    """Raises ValueError for a number beyond MOST_TOLERANCE_M, which is in another unit."""
+    tolerance_m = _length(text)
+    if tolerance_m > MOST_TOLERANCE_M:
+        raise ValueError(text)
+    return tolerance_m
 
 
 def _vector(text: str, scale: float = 1.0) -> tuple[float, ...]:
@@ -56,7 +65,7 @@ CHANGES: Mapping[str, _Value] = {
     "position": _Value("target_name", str, "TEXT"),
     "speed": _Value("speed", float, "FACTOR"),
     "force": _Value("force_n", float, "NUMBER [N]"),
-    "tolerance": _Value("tolerance_m", _length, "NUMBER [mm]"),
+    "tolerance": _Value("tolerance_m", _tolerance, "NUMBER [mm, up to 1000]"),
     "width": _Value("gripper_width", _length, "NUMBER [mm]"),
     "as-taught": _Value(
         "as_taught", lambda text: [CHANGES[name].field for name in text.split(",")], "VALUE,VALUE"

@@ -19,7 +19,7 @@ from caesura_lab.evaluation import motion_library_evidence as libraries
 from caesura_lab.evaluation.calibration import calibrate
 from caesura_lab.evaluation.methods import Method, MissingExtraError, PresetMethod, baselines
 from caesura_lab.evaluation.report import as_json, report
-from caesura_lab.evaluation.runner import Verdict, judge_all
+from caesura_lab.evaluation.runner import RefusedRecording, Verdict, judge_readable
 from caesura_lab.evaluation.score import Score
 from caesura_lab.evaluation.suites import (
     AS_STATED,
@@ -66,16 +66,18 @@ class ResultPage:
     markdown: Callable[[], str]
     plain: Callable[[], dict[str, Any]]
     unmet: Sequence[str] = ()  # bars of the suite that are not met, as text
+    refused: str = ""  # how many recordings were refused, as text
 
 
 @dataclass(frozen=True)
 class SuiteVerdicts:
-    """Verdicts of named methods, and notes on missing recordings."""
+    """Verdicts of named methods, notes on missing recordings, and how many were refused, as text."""
 
     title: str
     methods: list[str]
     verdicts: list[Verdict]
     missing: list[str]
+    refused: str
 
 
 class Format(StrEnum):
@@ -185,7 +187,10 @@ def evaluate(
     up: UpOption = None,
     workers: Annotated[int, typer.Option(min=1, help="Number of processes.")] = WORKERS,
 ) -> None:
-    """Compare segmentations with the truth: boundaries, classes, delays, load and force."""
+    """Compare segmentations with the truth: boundaries, classes, delays, load and force.
+
+    The exit code is 1 if a recording is refused. All others are evaluated.
+    """
     with reported():
         try:
             _check_calibration(
@@ -222,11 +227,13 @@ def evaluate(
                 else:
                     methods = _methods(preset or DEFAULT_PRESETS, with_baselines=with_baselines)
                 tolerance_options = [ToleranceOptions(s, tolerance) for s in sorted({0.0, slack})]
+                verdicts, refused = _judged(cases, methods, tolerance_options, workers)
                 judged = SuiteVerdicts(
-                    title=_title(suite_name, cases, tolerance),
+                    title=_title(suite_name, len(cases) - len(refused), tolerance),
                     methods=[method.name for method in methods],
-                    verdicts=_judged(cases, methods, tolerance_options, workers),
-                    missing=missing,
+                    verdicts=verdicts,
+                    missing=[*missing, *(f"left out: {reason}" for reason in refused)],
+                    refused=_refused_words(len(refused), len(cases)),
                 )
                 if suite_name in {None, "real"}:  # the others change recordings, or make them
                     _warn(judged.verdicts)
@@ -339,6 +346,7 @@ def _page(judged: SuiteVerdicts, detailed: Sequence[str]) -> ResultPage:
         text=lambda: as_text(result, detailed=detailed),
         markdown=lambda: as_markdown(result, detailed=detailed),
         plain=lambda: as_json(result),
+        refused=judged.refused,
     )
 
 
@@ -350,6 +358,7 @@ def _calibration(judged: SuiteVerdicts, diagram_file: Path | None) -> ResultPage
         text=lambda: calibration.as_text(result),
         markdown=lambda: calibration.as_markdown(result),
         plain=lambda: calibration.as_json(result),
+        refused=judged.refused,
     )
 
 
@@ -444,9 +453,19 @@ def _judged(
     methods: Sequence[Method],
     tolerance_options: Sequence[ToleranceOptions],
     workers: int,
-) -> list[Verdict]:
-    verdicts = _with_progress(judge_all(cases, methods, tolerance_options, workers=workers), cases)
-    return [verdict for some in verdicts for verdict in some]
+) -> tuple[list[Verdict], list[str]]:
+    """Return the verdicts, and why recordings were refused. Raises TruthError if all were."""
+    found = list(_with_progress(judge_readable(cases, methods, tolerance_options, workers=workers), cases))
+    refused = sorted(one.reason for one in found if isinstance(one, RefusedRecording))
+    for reason in refused if len(refused) < len(found) else refused[1:]:
+        typer.echo(f"error: {reason}", err=True)
+    if len(refused) == len(found):
+        raise TruthError(refused[0])
+    return [verdict for some in found if not isinstance(some, RefusedRecording) for verdict in some], refused
+
+
+def _refused_words(refused: int, of: int) -> str:
+    return f"{refused} of {counted(of, 'recording')} refused" if refused else ""
 
 
 def _with_progress(results: Iterator[R], of: Sized) -> Iterator[R]:
@@ -465,21 +484,23 @@ def _warn(verdicts: Sequence[Verdict]) -> None:
         typer.echo(line, err=True)
 
 
-def _title(suite_name: str | None, cases: Sequence[Case], least_s: float) -> str:
+def _title(suite_name: str | None, count: int, least_s: float) -> str:
     what = f"suite {suite_name}" if suite_name else "files"
     least = f", at least {least_s:g} s" if least_s else ""
-    intervals = "; 95 % intervals" if len(cases) > 1 else ""
-    return f"{what}: {counted(len(cases), 'recording')}, each point's own tolerance{least}{intervals}"
+    intervals = "; 95 % intervals" if count > 1 else ""
+    return f"{what}: {counted(count, 'recording')}, each point's own tolerance{least}{intervals}"
 
 
 def _write(page: ResultPage, output_format: Format, out: Path | None) -> None:
-    """Write a page. Raises CaesuraError afterwards if the suite has bars that are not met."""
+    """Write a page. Raises CaesuraError afterwards for unmet bars of the suite, and refused recordings."""
     try:
         _print(page, output_format, out)
     except OSError as error:
         raise ProtocolError("malformed", f"cannot write {out}: {error.strerror}") from error
     if page.unmet:
         raise CaesuraError(f"not met: {'; '.join(page.unmet)}")
+    if page.refused:
+        raise CaesuraError(page.refused)
 
 
 def _print(page: ResultPage, output_format: Format, out: Path | None) -> None:

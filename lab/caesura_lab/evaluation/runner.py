@@ -12,7 +12,7 @@ from caesura_lab.evaluation.methods import Method
 from caesura_lab.evaluation.score import Score, score
 from caesura_lab.evaluation.suites import Case
 from caesura_lab.evaluation.worker_pool import each
-from caesura_lab.ground_truth import ToleranceOptions, Truth
+from caesura_lab.ground_truth import ToleranceOptions, Truth, TruthError
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.recording import RecordingError
 
@@ -25,6 +25,13 @@ class NotApplicable:
 
     method: str
     recording: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class RefusedRecording:
+    """A recording without verdicts: it or its annotation cannot be read. reason: names the file."""
+
     reason: str
 
 
@@ -80,3 +87,24 @@ def judge_all(
 ) -> Iterator[list[Verdict]]:
     """Yield the verdicts on each case, in no order. With more than one worker, in processes."""
     return each(partial(judge, methods=methods, tolerance_options=tolerance_options), cases, workers=workers)
+
+
+def judge_readable(
+    cases: Sequence[Case],
+    methods: Sequence[Method],
+    tolerance_options: Sequence[ToleranceOptions] = (AS_READ,),
+    *,
+    workers: int = 1,
+) -> Iterator[list[Verdict] | RefusedRecording]:
+    """Yield what `judge_all` yields, and a refusal in place of the verdicts on a case that cannot be read."""
+    work = partial(_judge_or_refuse, methods=methods, tolerance_options=tolerance_options)
+    return each(work, cases, workers=workers)
+
+
+def _judge_or_refuse(
+    case: Case, methods: Sequence[Method], tolerance_options: Sequence[ToleranceOptions]
+) -> list[Verdict] | RefusedRecording:
+    try:
+        return judge(case, methods, tolerance_options)
+    except (TruthError, RecordingError) as error:
+        return RefusedRecording(str(error))

@@ -57,6 +57,29 @@ def test_what_is_doubtful_of_a_recording_is_said_as_by_segment(tmp_path: Path):
     assert "warning" not in run(BUTTON, "--preset", "default", "--no-baselines").stderr
 
 
+def test_a_refused_recording_is_left_out_and_named(tmp_path: Path):
+    """One value that was not finite ended the evaluation of all recordings without a figure."""
+    for name in ("one", "two"):
+        shutil.copy(BUTTON, tmp_path / f"{name}.npz")
+        shutil.copy(truth_file(BUTTON), tmp_path / f"{name}.ann.json")
+    content = dict(np.load(BUTTON))
+    content["force"][7] = np.nan
+    np.savez(tmp_path / "two.npz", **content)
+    options = ("--preset", "default", "--no-baselines", "--slack", "0", "--format", "json")
+    result = run(tmp_path, *options, "--workers", "1")
+    assert result.exit_code == 1
+    why = "two.npz: sample 7: fx is nan, expected a finite number"
+    refusal, last = result.stderr.splitlines()
+    assert refusal.startswith(f"error: {why}")
+    assert last == "error: 1 of 2 recordings refused"
+    found = json.loads(result.stdout)
+    assert found["title"].startswith("files: 1 recording,")
+    (note,) = found["missing"]
+    assert note.startswith(f"left out: {why}")
+    alone = json.loads(run(tmp_path / "one.npz", *options).stdout)
+    assert alone == found | {"missing": []}
+
+
 def test_json_says_the_same_as_markdown(tmp_path: Path):
     out = tmp_path / "out.json"
     one = ("--preset", "default", "--no-baselines")

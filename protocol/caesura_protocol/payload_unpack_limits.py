@@ -14,6 +14,7 @@ refusing one costs at most three times as much as reading a valid one of its len
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -69,6 +70,7 @@ TEXT_BYTES = 1 << 13  # of a string, where items are counted
 _ARRAYS = frozenset({*range(0x90, 0xA0), 0xDC, 0xDD})  # first bytes, by the specification of msgpack
 _MAPS = frozenset({*range(0x80, 0x90), 0xDE, 0xDF})
 _BINS = frozenset({0xC4, 0xC5, 0xC6})
+_ONE_BYTE_ITEMS = re.compile(rb"[\x00-\x80\x90\xa0\xc0\xc2\xc3\xe0-\xff]+")  # such as small numbers
 
 
 class Bounds(NamedTuple):
@@ -199,6 +201,9 @@ def _check_items(payload: bytes, bounds: Bounds) -> None:
     while left:
         place = unpacker.tell()
         head, more = payload[place], 0
+        if short := _ONE_BYTE_ITEMS.match(payload, place):
+            left -= len(unpacker.read_bytes(min(short.end() - place, left)))
+            continue
         if head in _ARRAYS:
             more = unpacker.read_array_header()
         elif head in _MAPS:

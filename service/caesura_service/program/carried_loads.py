@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from operator import mul
 
@@ -107,7 +107,7 @@ def is_from_air(kept: Sequence[ProgramSegment], touched: int) -> bool:
     return last is not None and last.segment.contact == "free" and touched < last.index
 
 
-def hanging(step: ProgramSegment, later: Sequence[ProgramSegment], context: Context) -> ProgramSegment:
+def hanging(step: ProgramSegment, later: Iterable[ProgramSegment], context: Context) -> ProgramSegment:
     """Return a step in contact as a carry with its load, where its force hangs on the robot.
 
     A rest is one only with something in hand, or where no gripper is known if it is lifted next. A surface
@@ -119,7 +119,7 @@ def hanging(step: ProgramSegment, later: Sequence[ProgramSegment], context: Cont
     rests, held = step.segment.kind == "contact", holds(step, context.grips)
     if rests and held is False:
         return step
-    lifts = rests and length(step.moved) >= NOWHERE_M
+    lifts = rests and step.moved_m >= NOWHERE_M
     moving = {"kind": "transport", "motion": "motion"} if lifts else {}
     carry = as_carry_of(step.segment.force, step, context, **moving)
     if rests and held is None and not moves_freely(carry, later, context):
@@ -149,7 +149,7 @@ def _weight_n(force: Vector, up: Vector) -> float:
     return against
 
 
-def moves_freely(step: ProgramSegment, later: Sequence[ProgramSegment], context: Context) -> bool:
+def moves_freely(step: ProgramSegment, later: Iterable[ProgramSegment], context: Context) -> bool:
     """Whether a step in the air has the force with which the flange is moved up or down next.
 
     A support would end with that movement. In free space that force is none or hangs: a tool may slide down a
@@ -182,10 +182,10 @@ def resting(step: ProgramSegment, context: Context) -> ProgramSegment:
     is_carried = segment.contact == "transport" and bool(holds(step, context.grips))
     if segment.corrected or segment.motion == "steady" or not (is_carried or segment.contact == "free"):
         return step
-    if length(step.moved) >= NOWHERE_M:  # as most do: what was seen in between need not be looked at
+    if step.moved_m >= NOWHERE_M:  # as most do: what was seen in between need not be looked at
         return step
     seen = [context.moment_at(t) for t in observed(segment.t0, segment.tn)]
-    way = max(length(np.subtract(one.position, seen[0].position)) for one in seen)
+    way = max(math.dist(one.position, seen[0].position) for one in seen)
     turns = [one.orientation for one in seen if one.orientation is not None]
     most_m, most_rad = NOWHERE["transport" if is_carried else segment.kind]
     if way >= most_m or (turns and max(angle_between(one, turns[0]) for one in turns) >= most_rad):
@@ -210,7 +210,7 @@ def is_not_yet_held(last: ProgramSegment | None, step: ProgramSegment, context: 
         place = context.moment_at(grasped).position
     else:
         return False
-    return length(np.subtract(step.segment.position_end, place)) < OUT_M
+    return math.dist(step.segment.position_end, place) < OUT_M
 
 
 def as_one_hold(kept: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:

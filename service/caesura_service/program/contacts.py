@@ -14,7 +14,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Vector
@@ -140,7 +139,7 @@ def may_press_in(step: ProgramSegment) -> bool:
 
     Its contact state then depends on the force before it.
     """
-    return length(step.moved) < ARRIVES_M
+    return step.moved_m < ARRIVES_M
 
 
 def _touching(
@@ -155,7 +154,7 @@ def _touching(
 
     least_n: how far it stays above the base [N].
     """
-    leaves = float(step.moved @ normal) > max(OUT_M, OUT_SHARE * length(step.moved))
+    leaves = float(step.moved @ normal) > max(OUT_M, OUT_SHARE * step.moved_m)
     if leaves or not len(forces) or _least_lasting((forces - base) @ normal) < least_n:
         return step
     held: tuple[float, ...] = tuple(context.median(forces).tolist())
@@ -164,7 +163,9 @@ def _touching(
 
 def _least_lasting(pushes: NDArray[np.float64]) -> float:
     """Return the least mean [N] over `LASTING` observations; one alone has the full sensor noise."""
-    return float(sliding_window_view(pushes, min(LASTING, len(pushes))).mean(axis=1).min())
+    count = min(LASTING, len(pushes))
+    sums = np.sum([pushes[k : len(pushes) - count + 1 + k] for k in range(count)], axis=0)
+    return float(sums.min()) / count
 
 
 def touched_at(contact: ProgramSegment, moment_at: MomentAt) -> Vector:

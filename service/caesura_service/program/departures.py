@@ -40,7 +40,7 @@ def lets_go(
     if before is None or before.segment.kind != "contact" or step.segment.kind != "motion":
         return False
     segment = step.segment
-    if length(step.moved) >= DECAY_REACH_M or length(segment.force_end) >= length(segment.force_start):
+    if step.moved_m >= DECAY_REACH_M or length(segment.force_end) >= length(segment.force_start):
         return False
     contact = list(takewhile(lambda one: one.touches, reversed(kept)))
     if not contact:

@@ -27,7 +27,7 @@ def forces_felt(base: Vector, times: Sequence[float], moment_at: MomentAt) -> Ar
     count again and again.
     """
     forces = (moment_at(t).force for t in times[:: -(-len(times) // MOST_LOOKS)])
-    return np.array([np.subtract(one, base) for one in forces if one is not None]).reshape(-1, 3)
+    return np.array([one for one in forces if one is not None]).reshape(-1, 3) - base
 
 
 def weaker_force(felt: Array, force: Vector, looks: int) -> float | None:

@@ -17,7 +17,7 @@ from itertools import dropwhile, groupby, pairwise, takewhile, zip_longest
 import numpy as np
 
 from caesura_protocol.messages import ScrewMotion
-from caesura_protocol.rotations import angle_between, matrix_of
+from caesura_protocol.rotations import angle_between
 from caesura_protocol.screw_torque_and_text import exerted, stop_torque_nm, torque_about_axis
 from caesura_service.constants import HANDS_BREADTH_M, TURN_SHARE
 from caesura_service.program.program_segment import (
@@ -44,7 +44,6 @@ from caesura_service.program.stroke_forces import (
     rest_force_n,
     same_side,
     stroke_force,
-    tool_axes,
     tool_forces,
 )
 
@@ -195,7 +194,7 @@ def stands(step: ProgramSegment) -> bool:
     """Return whether a step is a turn in contact that is so small that it counts as a rest."""
     segment = step.segment
     still = segment.turn is not None and length(segment.turn) < LEAST_TURN_RAD
-    return segment.kind == "turning" and step.touches and still and length(step.moved) < INSERTED_M
+    return segment.kind == "turning" and step.touches and still and step.moved_m < INSERTED_M
 
 
 def only_touches(step: ProgramSegment, moment_at: MomentAt) -> bool:
@@ -210,7 +209,7 @@ def may_end_movement(step: ProgramSegment) -> bool:
     """Return whether a movement is shorter than `DECAY_REACH_M`: it may be the end of another at a
     contact.
     """
-    return length(step.moved) < DECAY_REACH_M
+    return step.moved_m < DECAY_REACH_M
 
 
 def _ends(movement: ProgramSegment, step: ProgramSegment, following: ProgramSegment | None) -> bool:
@@ -221,7 +220,7 @@ def _ends(movement: ProgramSegment, step: ProgramSegment, following: ProgramSegm
     touches = following is not None and following.touches
     if following is not None and following.segment.motion == "motion" and not touches:
         return False
-    short = may_end_movement(step) if touches else length(step.moved) < NOWHERE_M
+    short = may_end_movement(step) if touches else step.moved_m < NOWHERE_M
     return short and is_directly_before(movement, step)
 
 
@@ -244,7 +243,7 @@ def _rests(step: ProgramSegment, context: Context) -> bool:
     A slide that only pushes in by less than `INSERTED_M`, and a turn that stands, are rests too.
     """
     segment = step.segment
-    pushes = segment.kind == "sliding" and step.gives_way and length(step.moved) < INSERTED_M
+    pushes = segment.kind == "sliding" and step.gives_way and step.moved_m < INSERTED_M
     if segment.corrected or not (segment.kind == "contact" or pushes or stands(step)):
         return False
     return not context.fingers_move(segment.t0, segment.tn)
@@ -406,7 +405,7 @@ def _is_end(step: ProgramSegment, context: Context) -> bool:
     if segment.corrected or context.fingers_move(segment.t0, segment.tn):
         return False
     slides = segment.kind == "sliding" and not _rests(step, context) and abs(step.pushed_in) < INSERTED_M
-    return (slides and length(step.moved) < DECAY_REACH_M) or _is_tilt(step, context.moment_at)
+    return (slides and step.moved_m < DECAY_REACH_M) or _is_tilt(step, context.moment_at)
 
 
 def _has_ends(step: ProgramSegment, moment_at: MomentAt) -> bool:
@@ -425,12 +424,12 @@ def _stays(one: ProgramSegment, following: ProgramSegment) -> bool:
 
 def _is_tilt(step: ProgramSegment, moment_at: MomentAt) -> bool:
     """Whether a step turns in contact about an axis across the tool, unlike a screw, and against no lever."""
-    segment, orientation = step.segment, moment_at(step.segment.tn).orientation
-    if not step.touches or segment.corrected or segment.turn is None or orientation is None:
+    segment, moment = step.segment, moment_at(step.segment.tn)
+    if not step.touches or segment.corrected or segment.turn is None or moment.orientation is None:
         return False
     if not (segment.kind == "turning" or _turns_on_tip(step, moment_at)) or _is_resisted(step):
         return False
-    return abs(float(matrix_of(orientation)[:, 2] @ segment.turn)) < TILT_COSINE * length(segment.turn)
+    return abs(float(moment.axes[:, 2] @ segment.turn)) < TILT_COSINE * length(segment.turn)
 
 
 def _turns_on_tip(step: ProgramSegment, moment_at: MomentAt) -> bool:
@@ -439,7 +438,7 @@ def _turns_on_tip(step: ProgramSegment, moment_at: MomentAt) -> bool:
     turned = 0.0 if segment.turn is None else length(segment.turn)
     if segment.kind != "sliding" or turned < LEAST_TURN_RAD:
         return False
-    axis_moved = (tool_axes(last) - tool_axes(first))[:, 2]
+    axis_moved = (last.axes - first.axes)[:, 2]
     nearest_m = -float(step.moved @ axis_moved) / max(float(axis_moved @ axis_moved), 1e-12)
     tip_moved = length(step.moved + min(max(nearest_m, 0.0), TIP_REACH_M) * axis_moved)
     return tip_moved**2 <= TURN_SHARE * (HANDS_BREADTH_M * turned) ** 2
@@ -456,8 +455,8 @@ def _goes_on(one: ProgramSegment, following: ProgramSegment) -> bool:
 
     Steps left out between the two may have moved the tool.
     """
-    apart = np.subtract(following.segment.position_start, one.segment.position_end)
-    return following.parts[0].index == one.parts[-1].index + 1 or length(apart) < OUT_M
+    apart_m = math.dist(following.segment.position_start, one.segment.position_end)
+    return following.parts[0].index == one.parts[-1].index + 1 or apart_m < OUT_M
 
 
 def _is_stroke(step: ProgramSegment) -> bool:

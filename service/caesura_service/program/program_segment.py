@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from operator import mul
 from typing import Literal
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Joints, Quaternion, Segment, Vector
-from caesura_protocol.rotations import upright_rotation
+from caesura_protocol.rotations import matrix_of, upright_rotation
 from caesura_protocol.up_direction import UP
 from caesura_service.constants import GRAVITY, TARED_BIAS_N
 
@@ -26,6 +27,8 @@ ARRIVES_M = 0.05  # nothing is pressed in so far: a movement that ends in a pres
 ACROSS_M, ACROSS_SHARE = 0.015, 1.0  # a stroke along a surface is longer than this, and pushes nothing in
 ENDS = 3  # observations at each end of a way, of which the median is the force there
 GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
+BASE_AXES = np.eye(3)
+BASE_AXES.flags.writeable = False
 SPAN = ("t0", "tn", "position_start", "position_end")  # fields of a segment that a part has of its own
 KINDS = {
     ("motion", "free"): "motion",
@@ -46,6 +49,11 @@ class Moment:
     joints: Joints | None  # [rad]
     gripper_width: float | None  # [m]
     force: Vector | None = None  # [N] on the robot
+
+    @cached_property
+    def axes(self) -> NDArray[np.float64]:
+        """The tool's axes (3, 3) in the base frame; those of the base without an orientation."""
+        return BASE_AXES if self.orientation is None else matrix_of(self.orientation)
 
 
 MomentAt = Callable[[float], Moment]
@@ -189,6 +197,11 @@ class ProgramSegment:
     def moved(self) -> NDArray[np.float64]:
         """The displacement (3,) [m] from the segment's start to its end."""
         return np.subtract(self.segment.position_end, self.segment.position_start)
+
+    @property
+    def moved_m(self) -> float:
+        """The distance [m] from the segment's start to its end."""
+        return math.dist(self.segment.position_end, self.segment.position_start)
 
     @property
     def pushed_in(self) -> float:

@@ -11,6 +11,7 @@ grasped, and fingers that open have let go. The flange and the weight show three
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -77,7 +78,7 @@ def _stands(t0: float, tn: float, context: Context) -> bool:
     """Return whether the flange stays where it is between two times [s]."""
     first, *others = [context.moment_at(t) for t in observed(t0, tn)]
     return all(
-        length(np.subtract(one.position, first.position)) < OUT_M
+        math.dist(one.position, first.position) < OUT_M
         and (
             one.orientation is None
             or first.orientation is None

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from itertools import islice
 from typing import NamedTuple
 
 from caesura_protocol.messages import Vector
@@ -64,7 +65,13 @@ class _Place(NamedTuple):
     before: ProgramSegment | None  # the last one that lasts for the minimum time
     earlier: ProgramSegment | None  # the last but one that does
     touched: int  # index of the last one in contact, however short; -1 where there is none
-    later: Sequence[ProgramSegment]  # the ones after it
+    steps: Sequence[ProgramSegment]  # all of them
+    number: int  # of the step among them, from 1 on
+
+    @property
+    def later(self) -> Iterator[ProgramSegment]:
+        """The steps after it."""
+        return islice(self.steps, self.number, None)
 
 
 def kept_steps(
@@ -110,8 +117,8 @@ def _places(steps: Sequence[ProgramSegment], least_s: float) -> Iterator[_Place]
     """Yield every step with its neighbours."""
     before, earlier, touched = None, None, -1
     around = zip(steps, [*steps[1:], None], [None, *steps], [None, None, *steps], strict=False)
-    for place, (step, ahead, beside, behind) in enumerate(around, start=1):
-        yield _Place(step, ahead, beside, behind, before, earlier, touched, steps[place:])
+    for number, (step, ahead, beside, behind) in enumerate(around, start=1):
+        yield _Place(step, ahead, beside, behind, before, earlier, touched, steps, number)
         touched = step.index if step.touches else touched
         if step.lasts(least_s):
             before, earlier = step, before

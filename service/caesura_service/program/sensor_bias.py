@@ -77,7 +77,7 @@ def _bias(
         touched = bias_between(before, None, base, base, context.moment_at)(last)
         return lambda t: touched
     left = _force_at_start(after, context)
-    if length(np.subtract(left, base)) >= MOST_WANDER_N or _sprung(after, context):
+    if math.dist(left, base) >= MOST_WANDER_N or _sprung(after, context):
         return lambda t: base
     return bias_between(before, after, base, left, context.moment_at)
 
@@ -175,7 +175,7 @@ def _in_air(times: Sequence[float], base: Vector, moment_at: MomentAt) -> Sequen
 
 
 def _pushes(force: Vector | None, base: Vector) -> bool:
-    return force is not None and length(np.subtract(force, base)) >= PUSHES_BACK_N
+    return force is not None and math.dist(force, base) >= PUSHES_BACK_N
 
 
 def _row(t: float, moment: Moment, since: float, origin: Moment) -> Sequence[float]:

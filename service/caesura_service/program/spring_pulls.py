@@ -68,9 +68,11 @@ def _ends_of_spring(step: ProgramSegment, context: Context) -> tuple[Array, Arra
 
     Halfway, a share of the change from `SPRUNG_SHARE` on has been made, and as much is left.
     """
+    if step.segment.motion != "motion":
+        return None
     places, forces = way_and_forces(step, context)
     gone = np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))
-    if step.segment.motion != "motion" or len(forces) < 2 * ENDS or gone[-1] < LEAST_WAY_M:
+    if len(forces) < 2 * ENDS or gone[-1] < LEAST_WAY_M:
         return None
     half = int(np.searchsorted(gone, 0.5 * gone[-1])) + 1
     first, middle, last = (

@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Segment, Vector
-from caesura_protocol.rotations import matrix_of
 from caesura_service.program.held_forces import force_aslant
 from caesura_service.program.pressed_force import pressed_from
 from caesura_service.program.program_segment import (
+    BASE_AXES,
     PUSHES_BACK_N,
     ROUNDED_S,
-    Moment,
     MomentAt,
     ProgramSegment,
     length,
@@ -88,14 +87,13 @@ NO_FORCES = ToolForces(np.empty((0, 3, 3)), np.empty((0, 3)), np.empty(0))
 def tool_forces(steps: Sequence[ProgramSegment], moment_at: MomentAt) -> ToolForces:
     """Return the known forces of steps, less their bases."""
     seen = [(moment_at(t), step.base) for step in steps for t in _looks(step.segment)]
-    known = [(moment, np.subtract(moment.force, base)) for moment, base in seen if moment.force is not None]
+    known = [(moment.axes, moment.force, base) for moment, base in seen if moment.force is not None]
     if not known:
         return NO_FORCES
-    axes = [tool_axes(moment) for moment, _ in known]
-    in_tool = [force @ turn for turn, (_, force) in zip(axes, known, strict=True)]
-    return ToolForces(
-        np.array(axes), np.array(in_tool), np.array([length(force.tolist()) for _, force in known])
-    )
+    axes, felt, bases = map(np.array, zip(*known, strict=True))
+    forces = felt - bases
+    in_tool = [force @ turn for turn, force in zip(axes, forces, strict=True)]
+    return ToolForces(axes, np.array(in_tool), np.array([length(force) for force in forces.tolist()]))
 
 
 def pushing_force(steps: Sequence[ProgramSegment], moment_at: MomentAt) -> NDArray[np.float64] | None:
@@ -117,7 +115,7 @@ def median_force(
     """
     pressed = np.flatnonzero(felt.n >= least_n)
     if not pressed.size:
-        return np.eye(3), None
+        return BASE_AXES, None
     return felt.axes[pressed[pressed.size // 2]], medians(felt.force[pressed])
 
 
@@ -135,11 +133,6 @@ def _looks(segment: Segment) -> list[float]:
     """Return the times [s] of a segment's observations, evenly decimated to at most `PRESS_LOOKS`."""
     times = observed(segment.t0, segment.tn)
     return times[:: -(-len(times) // PRESS_LOOKS)]
-
-
-def tool_axes(moment: Moment) -> NDArray[np.float64]:
-    """Return the tool's axes (3, 3) in the base frame; those of the base without an orientation."""
-    return np.eye(3) if moment.orientation is None else matrix_of(moment.orientation)
 
 
 def same_side(here: NDArray[np.float64] | None, there: NDArray[np.float64] | None) -> bool:

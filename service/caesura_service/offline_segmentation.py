@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,7 @@ from caesura_service.sessions.limits import Limits
 from caesura_service.signals import WrenchCapabilities
 
 BATCH_SAMPLES = 20
+AT_ONCE = 500  # batches that are taken at once where only the last view counts
 
 
 def opening_of(recording: Recording, preset: str | None = None, setting: CellSettings = UNSET) -> Open:
@@ -57,18 +59,25 @@ def capabilities_of(recording: Recording) -> WrenchCapabilities:
     return layout_of(opening_of(recording)).source
 
 
-def batches(recording: Recording) -> Iterator[NDArray[np.float64] | None]:
+def batches(recording: Recording, at_once: int = 1) -> Iterator[NDArray[np.float64] | None]:
     """Yield the samples (n, columns) of a recording in the batches that a service would receive.
 
-    None where samples were lost. Raises ProtocolError `malformed`.
+    at_once: the number of batches that are joined. None where samples were lost. Raises ProtocolError
+    `malformed`.
     """
+    columns = recording.columns
     for number, part in enumerate(parts_of(recording)):
         if number:
             yield None
-        batcher = Batcher(recording.columns, BATCH_SAMPLES)
-        for seq, rows in enumerate([*batcher.push(part), *batcher.flush()]):
-            batch = pack_samples(rows, recording.columns, session="file", epoch=0, seq=seq)
-            yield validated_samples(batch, recording.columns, Limits())
+        batcher = Batcher(columns, BATCH_SAMPLES)
+        received = (
+            validated_samples(
+                pack_samples(rows, columns, session="file", epoch=0, seq=seq), columns, Limits()
+            )
+            for seq, rows in enumerate([*batcher.push(part), *batcher.flush()])
+        )
+        while joined := [*islice(received, at_once)]:
+            yield np.concatenate(joined)
 
 
 def parts_of(recording: Recording) -> list[NDArray[np.float64]]:
@@ -85,15 +94,16 @@ def views(
     *,
     threshold: float | None = None,
     setting: CellSettings = UNSET,
+    at_once: int = 1,
 ) -> Iterator[PipelineView]:
     """Yield the view after every batch of a recording, and a last one after its end.
 
-    threshold: as for `make_pipeline`. Raises ProtocolError or ValueError for a preset, columns or values that
-    cannot be segmented.
+    threshold: as for `make_pipeline`; at_once: as for `batches`, after which a view follows. Raises
+    ProtocolError or ValueError for a preset, columns or values that cannot be segmented.
     """
     pipeline = make_pipeline(opening_of(recording, preset, setting), preset, threshold=threshold)
     taken = 0
-    for samples in batches(recording):
+    for samples in batches(recording, at_once):
         if samples is None:
             pipeline.declare_gap()
             continue
@@ -169,7 +179,7 @@ def segment_recording(
     progress: Callable[[int], None] = lambda samples: None,
 ) -> PipelineView:
     """Segment a whole recording. progress: called with the number of samples processed. Raises as `views`."""
-    for view in views(recording, preset, threshold=threshold, setting=setting):
+    for view in views(recording, preset, threshold=threshold, setting=setting, at_once=AT_ONCE):
         progress(view.samples)
     return view
 

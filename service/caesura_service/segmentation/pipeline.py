@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from collections import deque
 from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import replace
@@ -163,6 +164,11 @@ class SegmentationPipeline:
         )
         self._heeded = FilterConstraints()
         self._history = ObservationStore(self._upright)
+        self._paths = Paths(
+            self._history.poses,
+            opening.path_tolerance_m or TOLERANCE_M,
+            opening.path_tolerance_rad or TOLERANCE_RAD,
+        )
         self._arm = arm
         self._coach = self._signal_coach(tared=True)
         self._begin(tared=True)
@@ -300,15 +306,10 @@ class SegmentationPipeline:
 
     def _growing(self) -> IncrementalProgramBuilder:
         opening = self._opening
-        paths = Paths(
-            self._history.poses,
-            opening.path_tolerance_m or TOLERANCE_M,
-            opening.path_tolerance_rad or TOLERANCE_RAD,
-        )
         return IncrementalProgramBuilder(
             self._history.moment if self._in_use.contact_models else self._moment_without_force,
             self._preset.least_segment_s,
-            paths,
+            replace(self._paths),  # what is kept of them stays: a correction changes few
             opening.force_limit_n,
             limited=self._limited if self._heeded.limits_forces else None,
             up=opening.up or UP,
@@ -359,7 +360,6 @@ class SegmentationPipeline:
     def _take(self, conditioned: ConditioningOutput) -> None:
         for t0, tn in conditioned.gaps:
             self._gaps.add(Gap(t0=t0, tn=tn, reason="evicted" if self._lost else "source"))
-            self._coach.report_gap(t0, tn)
             self._lost = False
         grips = [GripperAction(event.t, event.kind, event.width) for event in conditioned.gripper_events]
         self._grips += grips
@@ -368,13 +368,15 @@ class SegmentationPipeline:
         if conditioned.observations and not self._division.online.count and self._conditioner.tare is None:
             self._coach = self._signal_coach(tared=False)
             self._begin(tared=False)
-        looked = self._looked
+        looked, gaps = self._looked, deque(conditioned.gaps)
         for observation in conditioned.observations:
+            self._report(gaps, observation.t)
             self._history.append(observation)
             self._coach.observe(observed_pose(observation, self._upright))
             self._step(len(self._history) - 1)
             self._keep_up()
             give_way()
+        self._report(gaps, math.inf)
         happened, count = self._happened(), self._division.online.count
         due = self._finished or count >= looked.observations + LOOK_EVERY
         if not due and happened.is_like(looked.happened):
@@ -387,6 +389,11 @@ class SegmentationPipeline:
             self._view = self._look(happened)
         else:
             self._view = self._look(happened, program=False)
+
+    def _report(self, gaps: deque[tuple[float, float]], t: float) -> None:
+        """Raise hints for the gaps that begin before a time [s], and remove them from `gaps`."""
+        while gaps and gaps[0][0] < t:
+            self._coach.report_gap(*gaps.popleft())
 
     def _keep_up(self) -> None:
         """Store the settled segments once there are many."""

@@ -44,6 +44,7 @@ def fed(pipeline: Pipeline, numbers: range, name: str = "pick_and_place", lost: 
     return pipeline
 
 
+@cache
 def whole(name: str = "pick_and_place", lost: range = range(0)) -> Pipeline:
     pipeline = fed(begun(name), range(len(taught(name)[1])), name, lost)
     pipeline.finish()
@@ -54,6 +55,7 @@ def edit(action: Action) -> Edit:
     return Edit(session="s1", revision=0, author="Ann", action=action)
 
 
+@cache
 def with_one(pipeline: Pipeline, action: Any) -> PipelineView:
     return pipeline.corrected([pipeline.resolve(action)]).view
 

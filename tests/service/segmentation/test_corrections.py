@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -117,7 +118,7 @@ def test_a_correction_states_where_its_changepoint_lies(shown: Pipeline, t: floa
     before = min(times(shown.view), key=lambda one: abs(one - 4.2))
     for action, meant in ((Insert(t=t), None), (Move(t=4.2, to=t), before)):
         made = shown.resolve(action)
-        (found,) = [one.t for one in shown.corrected([made]).view.changepoints if one.corrected]
+        (found,) = [one.t for one in with_one(shown, action).changepoints if one.corrected]
         assert (made.meant, made.placed) == (meant, found)
     assert shown.resolve(Remove(t=4.2)).meant == before
 
@@ -349,11 +350,11 @@ def test_edits_at_any_moment_are_as_if_they_had_been_known_from_the_first_sample
     check_same(seed, None, LOST if holed else range(0))
 
 
-def strokes(seconds: float, end: int | None = None) -> Pipeline:
+def strokes(seconds: float, end: int | None = None, at_once: int = 1) -> Pipeline:
     """A demonstration of strokes that has ended, after so many batches."""
     recording = many_strokes(3, seconds)
     pipeline = make_pipeline(opening_of(recording, "default"), "default")
-    for batch in list(batches(recording))[:end]:
+    for batch in islice(batches(recording, at_once), end):
         pipeline.push(batch)
     pipeline.finish()
     return pipeline
@@ -368,7 +369,7 @@ def test_a_corrected_session_is_finished_wherever_it_ends(end: int):
 
 def test_a_correction_decodes_each_phase_a_few_times_however_many_apps_there_are(monkeypatch):
     """Of an hour, each app decoded all phases, at each 15 s: no preview was answered in four minutes."""
-    pipeline, decoded = strokes(90.0), 0
+    pipeline, decoded = strokes(90.0, at_once=1000), 0
     read = EncodedMessageLog.read
 
     def counting(log: EncodedMessageLog[Any], start: int, stop: int) -> tuple[Any, ...]:

@@ -8,6 +8,7 @@ strings or objects, and no references, alternatives or nulls; missing values are
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 from pydantic import ConfigDict, Field, field_validator
@@ -144,6 +145,7 @@ CHANNELS: Mapping[str, tuple[str, type[Message]]] = {
 }
 
 
+@cache
 def schema_of(topic: str) -> dict[str, Any]:
     """Return the JSON Schema of a channel's messages."""
     name, model = CHANNELS[topic]

@@ -145,5 +145,5 @@ class Noise:
             count, jacobian, ssr = AXES * count, AXES * jacobian, ssr.sum(axis=1, keepdims=True)
         scales2 = [self.floor**2 + share**2 * extent2 for share in self.shares]
         each = [known_mean_log_evidence(count, ssr, self.nu0, scale2) for scale2 in scales2]
-        result: Array = log_mean_exp(np.stack(each), axis=0) + jacobian
+        result: Array = (log_mean_exp(np.stack(each), axis=0) if len(each) > 1 else each[0]) + jacobian
         return result

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from caesura_protocol.messages import (
     Ack,
     Edit,
     Insert,
+    SampleBatch,
 )
 from caesura_service.journal import MemoryJournal
 from caesura_service.offline_segmentation import batches as batches_of
@@ -75,10 +77,17 @@ class RealSession:
         self.registry.handle_command(STATION, self.opening, 0.0)
 
     def feed(self, first: int, stop: int) -> None:
-        for seq, samples in enumerate(batches_of(self.recording)):
-            if first <= seq < stop:
-                batch = pack_samples(samples, self.opening.columns, session=NAME, epoch=0, seq=seq)
-                self.registry.handle_samples(STATION, batch, 0.01 * seq)
+        for batch in self.sent()[first:stop]:
+            self.registry.handle_samples(STATION, batch, 0.01 * batch.seq)
+
+    @classmethod
+    @cache
+    def sent(cls) -> list[SampleBatch]:
+        """The batches of the recording."""
+        return [
+            pack_samples(samples, cls.opening.columns, session=NAME, epoch=0, seq=seq)
+            for seq, samples in enumerate(batches_of(cls.recording))
+        ]
 
     def edit(self, action: Any, at: float = 0.0) -> Ack | ProtocolError:
         made = edit(self.standing.revision, action).model_copy(update={"with_effect": True})

@@ -14,13 +14,19 @@ from caesura_protocol.programs.contact_forces import press_direction, without_fr
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.program_gripper import GRIPS
 from caesura_protocol.programs.safety import Safety
-from caesura_protocol.programs.straight_legs import SHORT_M, SLOWEST_M_PER_S, Leg, Quaternion, straight_legs
+from caesura_protocol.programs.straight_legs import (
+    SHORT_M,
+    SLOWEST_M_PER_S,
+    STILL_RAD,
+    Leg,
+    Quaternion,
+    straight_legs,
+)
 from caesura_protocol.programs.ways_between_apps import WayToPath, ways_to_paths
 
 STANDOFF_M = 0.02  # before a contact, from where it is looked for slowly
 ROUNDING_M = 1e-6
 LEAST_PAUSE_S = 0.05
-STILL_RAD = 0.002  # a leg without a way that turns less stays where it is
 
 
 class PlannedApp(NamedTuple):
@@ -62,7 +68,8 @@ def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedA
 
     acceleration: [m/s²] of a leg that starts and stops.
     """
-    place: Vector | None = None  # at the end of the last movement
+    place: Vector | None = None  # at the end of the last movement, and the orientation there
+    orientation: Quaternion | None = None
     moved = False  # by any app before this one
     touched: Vector | None = None  # the place of a contact that is not left yet
     apps = [without_friction(app) for app in program.apps]
@@ -74,8 +81,10 @@ def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedA
         short = None if contact is None else _scaled(contact, STANDOFF_M)
         legs = []
         if app.kind not in GRIPS and (app.kind != "apply_force" or app.path is not None):
-            legs = straight_legs(app, place, program.safety, acceleration, stop_short=short)
-        if all(leg.speed_m_per_s is None and leg.turn_rad < STILL_RAD for leg in legs):
+            before = None if place is None else (place, orientation)
+            legs = straight_legs(app, before, program.safety, acceleration, stop_short=short)
+        begins = place if app.path is None else app.path.start.position
+        if begins is not None and all(_stays(leg, begins) for leg in legs):
             legs = []
         wait = stay = hold = 0.0
         if app.kind == "apply_force":
@@ -85,7 +94,6 @@ def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedA
             hold = app.tn - app.t0
         elif app.kind == "hold":  # its way is a drift: it lasts as long as it was taught
             hold = max(app.tn - app.t0 - sum(leg.seconds for leg in legs), 0.0)
-        begins = place if app.path is None else app.path.start.position
         start = None
         if not moved and legs:
             start, legs = _begun(app, legs)
@@ -99,7 +107,7 @@ def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedA
         yield PlannedApp(
             index, app, start, begins, legs, contact, wait, stay, hold, pause, *rests, clear, stands
         )
-        place = app.target or place
+        place, orientation = app.target or place, app.orientation or orientation
         touches = contact is not None or app.kind == "apply_force"
         touched = place if touches else _still_touched(legs, touched)
 
@@ -107,6 +115,11 @@ def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedA
 def pause_between(app: App, following: App | None, safety: Safety) -> float:
     """Return the pause [s] that a robot makes between two apps: as it was taught, up to its limit."""
     return 0.0 if following is None else min(max(following.t0 - app.tn, 0.0), safety.pause_s)
+
+
+def _stays(leg: Leg, place: Vector) -> bool:
+    """Return whether a leg neither leaves a place nor turns."""
+    return math.dist(leg.position, place) < SHORT_M and leg.turn_rad < STILL_RAD
 
 
 def _leaves(leg: Leg, touched: Vector) -> bool:

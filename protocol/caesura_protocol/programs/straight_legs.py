@@ -17,18 +17,20 @@ from numpy.typing import NDArray
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.safety import Safety
-from caesura_protocol.reproduced_path import curve_of
+from caesura_protocol.reproduced_path import curve_of, unit
 
 Array = NDArray[np.float64]
 Quaternion = tuple[float, float, float, float]
+Start = tuple[Vector, Quaternion | None]  # position [m] and orientation
 
 CHORD_M = 0.001  # that a leg may be off the curve, and at most half of the path's tolerance
 CHORD_RAD = math.radians(0.5)  # likewise
 BLEND_M = 0.004  # at most, and twice the path's tolerance: a right angle is cut by 1.7 mm
 BLEND_SHARE = 0.45  # of the shorter of two legs: blends must not overlap
 PARTS = 16  # of the curve between two via points
-SHORT_M = 0.0005  # a leg that is shorter only turns
-SLOWEST_M_PER_S = 0.001
+SHORT_M = 0.0005  # a leg that is shorter, and turns, only turns
+STILL_RAD = 0.002  # a leg that turns less does not turn
+SLOWEST_M_PER_S = 0.0001  # of a leg that travels; below it the SDK of the xArm sets this speed
 PEAK = 2.0  # speed of a turn that starts and stops, over its mean
 LEGS = (
     "A path is followed by straight legs, "
@@ -61,11 +63,12 @@ class Leg(NamedTuple):
 
 
 def straight_legs(
-    app: App, before: Vector | None, safety: Safety, acceleration: float, *, stop_short: Vector | None = None
+    app: App, before: Start | None, safety: Safety, acceleration: float, *, stop_short: Vector | None = None
 ) -> list[Leg]:
     """Return the legs of an app to its target. Raises ValueError for an app without target.
 
-    before: its start, if it has no path. acceleration: [m/s²] at the start and stop of a single leg.
+    before: its start, if it has no path; an unknown orientation is that of the target. acceleration: [m/s²]
+    at the start and stop of a single leg.
     stop_short: (3,) [m]; the part beyond the plane at this vector before the target is left out.
     """
     t, poses = _points(app, before)
@@ -87,14 +90,17 @@ def _closeness(app: App) -> Closeness:
     return Closeness(min(CHORD_M, 0.5 * metres), min(CHORD_RAD, 0.5 * radians), min(BLEND_M, 2.0 * metres))
 
 
-def _points(app: App, before: Vector | None) -> tuple[Array, Array]:
-    """Return times (k,) [s] and poses (k, 3 or 7), close together along the curve."""
+def _points(app: App, before: Start | None) -> tuple[Array, Array]:
+    """Return times (k,) [s] and poses (k, 3 or 7), close together on the curve; quaternions of length 1."""
     if app.target is None:
         raise ValueError(f"{app.kind} at {fixed(app.t0, 2)} s has no target")
     if app.path is None:
-        turned = app.orientation or ()
-        ends = [(*place, *turned) for place in (before, app.target) if place is not None]
-        return np.array([0.0, max(app.tn - app.t0, 0.1)])[-len(ends) :], np.array(ends)
+        target = (*app.target, *(app.orientation or ()))
+        ends = [target]
+        if before is not None:
+            place, turned = before
+            ends = [(*place, *((turned or app.orientation) if app.orientation else ())), target]
+        return np.array([0.0, max(app.tn - app.t0, 0.1)])[-len(ends) :], unit(np.array(ends))
     curve = curve_of(app)
     shares = np.linspace(0.0, 1.0, PARTS, endpoint=False)
     inner = (curve.t[:-1, None] + np.diff(curve.t)[:, None] * shares).ravel()
@@ -161,14 +167,16 @@ def _legs(t: Array, poses: Array, safety: Safety, acceleration: float, most_m: f
     legs = []
     for index, (length, seconds) in enumerate(zip(lengths, np.diff(t).tolist(), strict=True)):
         turn = _angle(poses[index], poses[index + 1])
-        slower = safety.slower(length / seconds, (1.0 if length >= SHORT_M else PEAK) * turn / seconds)
+        travels = length >= SHORT_M or turn < STILL_RAD
+        slower = safety.slower(length / seconds, (1.0 if travels else PEAK) * turn / seconds)
         seconds *= slower
         speed = None
-        if length >= SHORT_M:
+        if travels:
             speed = length / seconds
             if len(lengths) == 1:
                 speed = _cruise(length, seconds, acceleration)
-            speed = max(min(speed, safety.speed_m_per_s), SLOWEST_M_PER_S)
+            fastest = min(safety.speed_m_per_s, safety.turn_rad_per_s * length / max(turn, 1e-9))
+            speed = max(min(speed, fastest), SLOWEST_M_PER_S)
             seconds = min(seconds, length / speed)
         blend = 0.0
         if index + 1 < len(lengths):

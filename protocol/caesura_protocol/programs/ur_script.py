@@ -47,6 +47,7 @@ WIDTH_MARGIN_M = 0.01  # by which the fingers are sent on past the width of what
 JOINTS = 6  # of every arm of the maker
 PERIOD_S = 0.02  # between two looks at the depth of a press
 SLIDE_M = 0.005  # a way that is longer, in contact, is one along a surface
+LEAST_BLEND_M = 0.0001  # below it two blends could overlap by the rounding of the script's numbers
 INDENT = "  "
 
 
@@ -275,9 +276,9 @@ def _held(name: str, seconds: float, each: str) -> list[str]:
 def _move(leg: Leg, kind: str) -> str:
     how = f"t={leg.seconds:.3f}"
     if leg.speed_m_per_s is not None:
-        how = f"a=ACCELERATION, v=limited({leg.speed_m_per_s:.4f})"
+        how = f"a=ACCELERATION, v=limited({leg.speed_m_per_s:.6f})"
     kind = "movel" if leg.speed_m_per_s is None else kind  # movep takes no time
-    blend = f", r={leg.blend_m:.4f}" if leg.blend_m > 0.0 else ""
+    blend = f", r={leg.blend_m:.6f}" if leg.blend_m >= LEAST_BLEND_M else ""
     return f"{kind}({_pose(leg.position, leg.orientation)}, {how}{blend})"
 
 

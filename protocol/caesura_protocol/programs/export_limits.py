@@ -62,8 +62,9 @@ def hardest_n(program: ProgramFile) -> float:
 
 
 def acting_limits(program: ProgramFile) -> Iterator[str]:
-    """Yield the limits on which a running script acts, as its lines."""
-    return (f"{name} = {value:g}  # {why}" for name, value, why in limits(program, ACTING))
+    """Yield the limits on which a running script acts, as its lines, without exponents."""
+    for name, value, why in limits(program, ACTING):
+        yield f"{name} = {f'{value:.9f}'.rstrip('0').rstrip('.')}  # {why}"
 
 
 def within_robot(acceleration: float, robot: RobotDescription | None) -> float:

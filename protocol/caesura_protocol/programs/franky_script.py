@@ -13,7 +13,7 @@ from typing import Any
 from caesura_protocol.app_contacts import ends_in_contact
 from caesura_protocol.app_force_limit import is_path_limited
 from caesura_protocol.app_kinds import APP_KINDS, app_name, step_title
-from caesura_protocol.messages import Quaternion, Vector
+from caesura_protocol.messages import Quaternion
 from caesura_protocol.programs.app_time_shifts import goes_on, rests_of
 from caesura_protocol.programs.contact_forces import force_in_tool, without_friction
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
@@ -30,7 +30,7 @@ from caesura_protocol.programs.script_templates import (
     title_of,
 )
 from caesura_protocol.programs.ways_between_apps import ways_to_paths
-from caesura_protocol.reproduced_path import turn_of, turning_at_points
+from caesura_protocol.reproduced_path import curve_of, turn_of
 from caesura_protocol.screw_torque_and_text import stop_torque_nm
 
 FIELDS = ("target", "orientation", "joints", "force", "force_taught", "load_kg", "gripper_width")
@@ -120,16 +120,18 @@ def _row(taught: ProgramStep) -> dict[str, Any]:
     if not is_path_limited(taught):
         row.pop("force_taught", None)
     if app.path is not None:
-        points, began = (app.path.start, *app.path.via), app.path.start.t
-        turning: Sequence[Vector | None] = turning_at_points(app) or [None] * len(points)
+        points, passing = (app.path.start, *app.path.via), curve_of(app).passing.tolist()
         row["path"] = [
             (
-                _rounded(one.t - began),
-                *map(_rounded, (one.position, _unit(one.orientation), one.velocity, turns)),
+                _rounded(one.t - app.path.start.t),
+                _rounded(one.position),
+                _rounded(_unit(one.orientation)),
+                _rounded((x, y, z)),
+                _rounded(tuple(turning)) or None,
             )
-            for one, turns in zip(points, turning, strict=True)
+            for one, (x, y, z, *turning) in zip(points, passing, strict=False)
         ]
-        row["arrives"] = _rounded(app.path.tn - began)
+        row["arrives"] = _rounded(app.path.tn - app.path.start.t)
         in_tool = force_in_tool(app)
         if in_tool is not None:
             row["in_tool"] = _rounded(in_tool)

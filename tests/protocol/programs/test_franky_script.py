@@ -14,14 +14,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from caesura_protocol.app_kinds import APP_KINDS
+from caesura_protocol.messages import App
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.export_limits import CONSTANTS
 from caesura_protocol.programs.franky_script import franky_script
 from caesura_protocol.programs.safety import Safety
+from caesura_protocol.reproduced_path import curve_of
 from harness.programs import (
     DOWN,
     app,
     as_file,
+    circle,
     curved,
     move,
     path_from,
@@ -125,6 +128,19 @@ def test_a_path_is_followed_by_its_via_points_with_their_velocities_and_times() 
     assert len(calls[1].reactions) == 1
 
 
+def test_a_path_without_stated_velocities_is_passed_as_it_is_reproduced() -> None:
+    """Such as of an older file: the robot stopped at each via point, and went straight between them."""
+    way = circle()
+    assert way.path is not None
+    via = tuple(point.model_copy(update={"velocity": None}) for point in way.path.via)
+    way = way.model_copy(update={"path": way.path.model_copy(update={"via": via})})
+    *passed, last = motions(run(as_file((way,))))[1].waypoints
+    velocities = [one.target.velocity.linear for one in passed]
+    assert np.array(velocities) == pytest.approx(curve_of(way).passing[1:-1, :3], abs=1e-6)
+    assert min(map(np.linalg.norm, velocities)) > 0.05
+    assert last.target.velocity.linear.tolist() == [0.0, 0.0, 0.0]
+
+
 def test_a_path_that_was_taught_faster_than_the_limit_is_followed_slower() -> None:
     (first, _) = motions(run(as_file(curved(speed=0.96))))[1].waypoints
     assert first.target.velocity.linear[0] == pytest.approx(0.48)  # and a quarter is left to the limit
@@ -199,6 +215,29 @@ def test_a_dry_run_says_every_app_and_needs_no_franky(tmp_path: Path) -> None:
     refused = subprocess.run([sys.executable, script], check=False, capture_output=True, text=True)
     assert refused.returncode == 2
     assert "--robot" in refused.stderr
+
+
+def test_a_dry_run_states_units(capsys: pytest.CaptureFixture[str]) -> None:
+    said = []
+    for apps in (pick_and_place(), limited_press()):
+        made = module_of(as_file(apps))
+        for number, one in enumerate(made.APPS, start=1):
+            made.say(number, one)
+            said.append(capsys.readouterr().out.strip().split("  "))
+    shown = {part.strip() for parts in said for part in parts}
+    assert {
+        "1.60 s",
+        "to [-0.014, -0.673, 0.107] m",
+        "fingers 50 mm apart",
+        "carries 0.25 kg",
+        "presses with 10.0 N of 20.7 N taught, [0.0, 0.0, -10.0] N",
+    } <= shown
+
+
+def limited_press() -> tuple[App, ...]:
+    """A press whose force a limit has cut."""
+    touch, pressed, leave = press()
+    return touch, pressed.model_copy(update={"force_taught": (0.0, 0.0, -20.7)}), leave
 
 
 def test_the_fake_has_the_names_of_franky_itself() -> None:

@@ -87,6 +87,16 @@ def test_a_finding_is_one_line_of_comment(write: Writer, robot: str, gripper: st
 
 
 @pytest.mark.parametrize(("write", "robot", "gripper"), SCRIPTS)
+def test_a_comment_has_no_control_characters(write: Writer, robot: str, gripper: str):
+    """A NUL in a note of a file made a script that Python refuses."""
+    program = on_robot(pick_and_place(), robot, gripper)
+    noted = wrench(stated=True, contact_models=False, note="first\x00second\x1b[31m\x7f \u202ethird")
+    text = write(program.model_copy(update={"wrench": noted}))
+    assert "# warning: contacts were not searched for. first second [31m third\n" in text
+    assert not {ord(character) for character in text if character != "\n"} & {*range(32), 127, 0x202E}
+
+
+@pytest.mark.parametrize(("write", "robot", "gripper"), SCRIPTS)
 def test_a_group_of_apps_has_its_name_above_its_first_app(write: Writer, robot: str, gripper: str):
     # A name that an operator gave to a phase was in no script. It may hold what ends a comment in a file.
     name = "wipe <APPS> the tray\nimport os\u2028import sys\x85halt"

@@ -280,6 +280,13 @@ def test_no_leg_is_faster_than_the_limit():
     assert "MAX_SPEED_M_PER_S = 0.1" in ur_script(on_ur((circle(),), safety=slow))
 
 
+def test_a_small_limit_has_no_exponent():
+    slow = Safety(contact_speed_m_per_s=0.00005, felt_force_n=123.4567891)
+    text = ur_script(on_ur(press(), safety=slow))
+    assert "  CONTACT_SPEED_M_PER_S = 0.00005  #" in text
+    assert "  STOP_FORCE_N = 123.4567891  #" in text
+
+
 @pytest.mark.parametrize("drift_m", [0.0, 0.0001, 0.0003, 0.00049, 0.0006])
 @pytest.mark.parametrize("degrees", [0.0, 90.0, 360.0, 900.0])
 def test_a_turn_nearly_in_place_is_divided_into_legs(drift_m: float, degrees: float):

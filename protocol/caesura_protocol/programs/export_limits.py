@@ -80,12 +80,15 @@ def refuse_impossible(program: ProgramFile) -> None:
 
 
 def refuse_beyond_limits(program: ProgramFile) -> None:
-    """Raise ValueError for an app beyond the limits of position, force or load, or without a precondition.
+    """Raise ValueError without an app, and for one beyond the limits of position, force or load, or without a
+    precondition.
 
     It is raised, too, for a number that no app can have, whatever the limits of the cell.
     A press needs a contact before it: otherwise it would begin at any position of the arm. A carry needs a
     grasp: otherwise the robot would compensate a load that it does not have.
     """
+    if not program.apps:
+        raise ValueError("it has no app, so a robot would do nothing")
     safety = program.safety
     refuse_impossible(program)
     for index, app in enumerate(program.apps):

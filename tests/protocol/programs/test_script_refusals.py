@@ -34,6 +34,13 @@ def test_an_app_without_what_it_needs_is_refused(
 
 
 @pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script])
+def test_a_program_without_an_app_is_refused(write: Callable[[ProgramFile], str]):
+    """URScript and the script for the xArm were refused with an error of the exporter itself."""
+    with pytest.raises(ValueError, match="it has no app, so a robot would do nothing"):
+        write(as_file(()))
+
+
+@pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script])
 def test_a_press_without_a_direction_is_refused(write: Callable[[ProgramFile], str]):
     touch, pressed, away = press()
     with pytest.raises(ValueError, match=r"app 2 .apply force.: force 0 N, expected one with a direction"):

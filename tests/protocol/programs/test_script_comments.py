@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import ast
 import json
+import os
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from shutil import copyfile
@@ -21,7 +24,7 @@ from caesura_protocol.programs.franky_script import franky_script
 from caesura_protocol.programs.ur_script import ur_script
 from caesura_protocol.programs.xarm_script import xarm_script
 from caesura_protocol.robots import description, robot_description
-from harness.programs import as_file, path_from, pick_and_place
+from harness.programs import as_file, path_from, pick_and_place, press
 
 Writer = Callable[[ProgramFile], str]
 SCRIPTS = [
@@ -245,3 +248,16 @@ def test_a_program_that_was_still_being_taught_says_so(write: Writer, robot: str
     said = "was still being taught at"
     assert said not in write(program)
     assert said in write(program.model_copy(update={"complete": False, "t": 12.0}))
+
+
+@pytest.mark.parametrize(("write", "robot", "gripper"), [one for one in SCRIPTS if one[0] is not ur_script])
+def test_a_name_that_cannot_be_printed_ends_no_script(
+    write: Writer, robot: str, gripper: str, tmp_path: Path
+):
+    apps = (press()[0].model_copy(update={"name": "greifen – 抓取"}),)
+    script = tmp_path / "made.py"
+    script.write_text(write(on_robot(apps, robot, gripper)), encoding="utf-8")
+    command = [sys.executable, str(script), "--dry-run"]
+    printed = {**os.environ, "PYTHONIOENCODING": "cp1252"}
+    done = subprocess.run(command, env=printed, capture_output=True, check=True)
+    assert "greifen – \\u6293\\u53d6".encode("cp1252") in done.stdout

@@ -14,7 +14,17 @@ import pytest
 from caesura_protocol.messages import ScrewMotion
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.xarm_script import xarm_script
-from harness.programs import app, circle, path_from, pick_and_place, press, set_down_at_once, slid, squeezed
+from harness.programs import (
+    app,
+    circle,
+    path_from,
+    pick_and_place,
+    press,
+    pressed_harder_before,
+    set_down_at_once,
+    slid,
+    squeezed,
+)
 
 from .xarm_runs import Arm, MovingArm, module_of, moved, on_xarm, run, stopped
 
@@ -238,6 +248,24 @@ def test_a_dry_run_names_what_it_prints(tmp_path: Path):
     assert f"presses with -10.0 N along z of the base  rests for {seconds:.1f} s" in pressed
     assert " leg to [" in said
     assert "0 legs" not in said
+
+
+def test_a_dry_run_states_the_forces_of_rests(capsys: pytest.CaptureFixture[str]):
+    made = module_of(on_xarm(pressed_harder_before()))
+    made.say(2, made.APPS[1])
+    said = capsys.readouterr().out
+    assert "presses with -10.0 N along z of the base" in said
+    assert "-12.0 N before its way  -5.0 N after its way" in said
+
+
+def test_a_dry_run_refuses_what_a_run_refuses(tmp_path: Path):
+    file = tmp_path / "made.py"
+    file.write_text(xarm_script(on_xarm(pressed_harder_before(newton=40.0))))
+    command = [sys.executable, "-S", str(file), "--dry-run"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert not done.stdout
+    assert "stopped: app 2 (apply force): force 40.0 N" in done.stderr
 
 
 def test_the_sensor_is_zeroed_before_the_first_movement():

@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
+
+import numpy as np
 
 from caesura_protocol.app_contacts import ends_in_contact
 from caesura_protocol.app_force_limit import is_path_limited
@@ -30,11 +33,13 @@ from caesura_protocol.programs.script_templates import (
     title_of,
 )
 from caesura_protocol.programs.ways_between_apps import ways_to_paths
-from caesura_protocol.reproduced_path import curve_of, turn_of
+from caesura_protocol.reproduced_path import Curve, curve_of, turn_of
+from caesura_protocol.rotations import angular_velocities
 from caesura_protocol.screw_torque_and_text import stop_torque_nm
 
 FIELDS = ("target", "orientation", "joints", "force", "force_taught", "load_kg", "gripper_width")
 DIGITS = 6
+POINTS_S = 0.2  # at most between two points of a path: franky's own way between them is not the taught one
 MARK_LIMITS, MARK_APPS, MARK_NAME, MARK_ROBOT = "# <LIMITS>", "# <APPS>", "<NAME>", "<ROBOT>"
 MARK_FINDINGS = "# <FINDINGS>\n"
 
@@ -120,17 +125,9 @@ def _row(taught: ProgramStep) -> dict[str, Any]:
     if not is_path_limited(taught):
         row.pop("force_taught", None)
     if app.path is not None:
-        points, passing = (app.path.start, *app.path.via), curve_of(app).passing.tolist()
-        row["path"] = [
-            (
-                _rounded(one.t - app.path.start.t),
-                _rounded(one.position),
-                _rounded(_unit(one.orientation)),
-                _rounded((x, y, z)),
-                _rounded(tuple(turning)) or None,
-            )
-            for one, (x, y, z, *turning) in zip(points, passing, strict=False)
-        ]
+        curve = curve_of(app)
+        row["path"], row["via"] = _way_points(curve), len(app.path.via)
+        row["peaks"] = _rounded(curve.peaks())
         row["arrives"] = _rounded(app.path.tn - app.path.start.t)
         in_tool = force_in_tool(app)
         if in_tool is not None:
@@ -146,9 +143,27 @@ def _row(taught: ProgramStep) -> dict[str, Any]:
     return row
 
 
-def _unit(quaternion: Quaternion | None) -> Quaternion | None:
+def _way_points(curve: Curve) -> list[tuple[Any, ...]]:
+    """Return the knots of a curve but the last, and points between them, at most `POINTS_S` apart.
+
+    Each has its time since the start [s], position, quaternion, velocity and rate of turn.
+    """
+    points = []
+    for begun, ended in pairwise(curve.t.tolist()):
+        parts = max(math.ceil(round((ended - begun) / POINTS_S, 6)), 1)
+        for t in np.linspace(begun, ended, parts, endpoint=False).tolist():
+            values, velocities, _ = curve.at(t)
+            (x, y, z, *quaternion), turning = values.tolist(), None
+            if quaternion:
+                turning = tuple(angular_velocities(values[None, 3:], velocities[None, 3:])[0].tolist())
+            passed = (x, y, z), _unit(quaternion), tuple(velocities[:3].tolist()), turning
+            points.append((_rounded(t - float(curve.t[0])), *map(_rounded, passed)))
+    return points
+
+
+def _unit(quaternion: Sequence[float] | None) -> Quaternion | None:
     """Return a quaternion of unit length: libfranka refuses a pose whose rotation has another one."""
-    if quaternion is None:
+    if not quaternion:
         return None
     x, y, z, w = (value / math.hypot(*quaternion) for value in quaternion)
     return x, y, z, w

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import accumulate
 from types import ModuleType
 from typing import Any
 
@@ -30,6 +31,17 @@ def run(program: ProgramFile) -> list[tuple[str, dict[str, Any]]]:
 
 def motions(calls: list[tuple[str, dict[str, Any]]]) -> list[Any]:
     return [arguments["motion"] for name, arguments in calls if name == "move"]
+
+
+def passed(motion: Any) -> list[tuple[float, Any]]:
+    """The way points of a motion: when each is passed [s], and its state."""
+    times = accumulate(one.minimum_time.milliseconds / 1000.0 for one in motion.waypoints)
+    return list(zip(times, (one.target for one in motion.waypoints), strict=True))
+
+
+def passed_at(motion: Any, place: tuple[float, ...]) -> tuple[float, Any]:
+    """When a motion passes a place [s], and the state there."""
+    return next(one for one in passed(motion) if tuple(one[1].pose.translation.tolist()) == place)
 
 
 def flanges(pressed: fake_franky.CartesianImpedanceTrackingMotion) -> list[fake_franky.Affine]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 import subprocess
 import sys
 from contextlib import nullcontext
@@ -14,10 +15,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from caesura_protocol.app_kinds import APP_KINDS
-from caesura_protocol.messages import App
+from caesura_protocol.messages import App, ViaPoint
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.export_limits import CONSTANTS
-from caesura_protocol.programs.franky_script import franky_script
+from caesura_protocol.programs.franky_script import DIGITS, POINTS_S, franky_script
+from caesura_protocol.programs.planned_apps import STANDOFF_M
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.reproduced_path import curve_of
 from harness.programs import (
@@ -35,7 +37,7 @@ from harness.programs import (
 )
 
 from . import fake_franky
-from .franky_runs import module_of, motions, over_surface, run, stopped
+from .franky_runs import module_of, motions, over_surface, passed, passed_at, run, stopped
 
 
 def test_poses_of_the_fake_are_multiplied_as_scipys() -> None:
@@ -96,11 +98,13 @@ def test_a_contact_that_ends_is_left_before_another_one_is_looked_for() -> None:
     runner = made.Runner(fake_franky, "robot")
     runner.run(made.checked(made.APPS))
     carried = [motion for motion in motions(fake_franky.calls) if hasattr(motion, "waypoints")]
-    over, (*_, end) = (motion.waypoints for motion in carried)
-    assert over[-1].target.pose.translation.tolist() == [-0.018, -0.624, 0.156]
-    assert end.target.pose.translation[2] == pytest.approx(0.127)
+    (left_s, over), (end_s, end) = (passed(motion)[-1] for motion in carried)
+    left_m = math.dist(over.pose.translation, (-0.014, -0.673, 0.107))
+    assert STANDOFF_M <= left_m < math.dist((-0.018, -0.624, 0.156), (-0.014, -0.673, 0.107))
+    assert end.pose.translation[2] == pytest.approx(0.127)
     assert [len(motion.reactions) for motion in carried] == [0, 1]
-    assert [one.minimum_time.milliseconds for one in (over[-1], end)] == [1700, 1800]
+    assert left_s + end_s == pytest.approx(3.5, abs=0.01)
+    assert passed_at(carried[1], (-0.018, -0.624, 0.156))[0] == pytest.approx(1.7 - left_s, abs=0.01)
     assert runner.bias[2] == 0.0
 
 
@@ -120,12 +124,28 @@ def test_no_movement_is_faster_than_the_limit_however_short_it_was_taught() -> N
 def test_a_path_is_followed_by_its_via_points_with_their_velocities_and_times() -> None:
     calls = motions(run(as_file(curved())))
     assert calls[0].target.translation.tolist() == [-0.03, -0.6, 0.33]  # to its start, slowly
-    first, last = calls[1].waypoints  # what lies within the stand-off before a contact is left out
-    assert first.target.pose.translation.tolist() == [-0.03, -0.56, 0.3]
-    assert first.target.velocity.linear.tolist() == [0.1, 0.0, 0.0]
-    assert (first.minimum_time.milliseconds, last.minimum_time.milliseconds) == (1000, 800)
-    assert last.target.velocity.linear.tolist() == [0.0, 0.0, 0.0]
+    first_s, first = passed_at(calls[1], (-0.03, -0.56, 0.3))
+    assert first.velocity.linear.tolist() == [0.1, 0.0, 0.0]
+    last_s, last = passed(calls[1])[-1]
+    assert (first_s, last_s) == pytest.approx((1.0, 1.8), abs=0.01)
+    assert last.velocity.linear.tolist() == [0.0, 0.0, 0.0]
+    # What lies within the stand-off before a contact is left out.
+    assert min(one.pose.translation[2] for _, one in passed(calls[1])) == pytest.approx(0.21)
     assert len(calls[1].reactions) == 1
+
+
+def test_points_between_via_points_are_on_the_reproduced_path_and_close_together() -> None:
+    """Between two points franky goes another way than the reproduced path."""
+    way = circle(seconds=3.2)  # with via points 0.4 s apart
+    (*between, _), curve = passed(motions(run(as_file((way,))))[1]), curve_of(way)
+    assert len(between) == 15
+    for t, state in between:
+        values, velocities, _ = curve.at(1.0 + t)
+        assert state.pose.translation == pytest.approx(values[:3], abs=1e-5)
+        assert state.velocity.linear == pytest.approx(velocities[:3], abs=1e-5)
+        turned = Rotation.from_quat(values[3:]).inv() * Rotation.from_quat(state.pose.quaternion)
+        assert turned.magnitude() < 1e-5
+    assert np.diff([0.0, *(t for t, _ in between), 3.2]).max() <= POINTS_S + 1e-9
 
 
 def test_a_path_without_stated_velocities_is_passed_as_it_is_reproduced() -> None:
@@ -134,17 +154,34 @@ def test_a_path_without_stated_velocities_is_passed_as_it_is_reproduced() -> Non
     assert way.path is not None
     via = tuple(point.model_copy(update={"velocity": None}) for point in way.path.via)
     way = way.model_copy(update={"path": way.path.model_copy(update={"via": via})})
-    *passed, last = motions(run(as_file((way,))))[1].waypoints
-    velocities = [one.target.velocity.linear for one in passed]
+    motion = motions(run(as_file((way,))))[1]
+    velocities = [
+        passed_at(motion, tuple(round(x, DIGITS) for x in point.position))[1].velocity.linear for point in via
+    ]
     assert np.array(velocities) == pytest.approx(curve_of(way).passing[1:-1, :3], abs=1e-6)
     assert min(map(np.linalg.norm, velocities)) > 0.05
-    assert last.target.velocity.linear.tolist() == [0.0, 0.0, 0.0]
+    assert passed(motion)[-1][1].velocity.linear.tolist() == [0.0, 0.0, 0.0]
+
+
+def test_a_path_that_is_slow_at_its_via_points_has_a_limit_above_its_speed_between_them() -> None:
+    """The limit was that of the ends and of the via points: the robot was slower in between."""
+    x, y, z = 0.3, -0.6, 0.33
+    passed = ((0.5, x + 0.01, (0.03, 0.0, 0.0)), (1.5, x + 0.15, (0.03, 0.0, 0.0)))
+    via = tuple(ViaPoint(t=t, position=(at, y, z), orientation=DOWN, velocity=v) for t, at, v in passed)
+    path = path_from((x, y, z), 0.0, 2.0, 0.16, via=via)
+    way = app("cartesian_motion", 0.0, 2.0, (x + 0.16, y, z), path=path)
+    fastest, _ = curve_of(way).peaks()
+    assert fastest > 0.2
+    limits = [arguments["value"] for name, arguments in run(as_file((way,))) if name == "limit"]
+    assert limits[-1] >= fastest - 1e-6
 
 
 def test_a_path_that_was_taught_faster_than_the_limit_is_followed_slower() -> None:
-    (first, _) = motions(run(as_file(curved(speed=0.96))))[1].waypoints
-    assert first.target.velocity.linear[0] == pytest.approx(0.48)  # and a quarter is left to the limit
-    assert first.minimum_time.milliseconds == 2000
+    motion = motions(run(as_file(curved(speed=0.96))))[1]
+    passed_s, first = passed_at(motion, (-0.03, -0.56, 0.3))
+    assert first.velocity.linear[0] == pytest.approx(0.48)  # and a quarter is left to the limit
+    assert passed_s == pytest.approx(2.0)
+    assert max(np.linalg.norm(one.velocity.linear) for _, one in passed(motion)) <= Safety().speed_m_per_s
 
 
 def corner(*, pause_s: float = 0.0, contact: bool = False) -> ProgramFile:
@@ -165,19 +202,20 @@ def corner(*, pause_s: float = 0.0, contact: bool = False) -> ProgramFile:
 def test_a_corner_that_a_hand_did_not_stop_at_is_passed_in_one_motion() -> None:
     to_start, motion = motions(run(corner()))
     assert to_start.target.translation.tolist() == [0.3, -0.6, 0.33]
-    middle, end = motion.waypoints
-    assert middle.target.pose.translation.tolist() == [0.4, -0.6, 0.33]
-    assert middle.target.velocity.linear.tolist() == [0.05, 0.05, 0.0]
-    assert end.target.velocity.linear.tolist() == [0.0, 0.0, 0.0]
-    assert [one.minimum_time.milliseconds for one in (middle, end)] == [1000, 1000]
+    middle_s, middle = passed_at(motion, (0.4, -0.6, 0.33))
+    end_s, end = passed(motion)[-1]
+    assert middle.velocity.linear.tolist() == [0.05, 0.05, 0.0]
+    assert end.velocity.linear.tolist() == [0.0, 0.0, 0.0]
+    assert (middle_s, end_s) == pytest.approx((1.0, 2.0))
 
 
 @pytest.mark.parametrize("program", [corner(pause_s=0.5), corner(contact=True)])
 def test_before_a_pause_and_a_contact_the_robot_stops(program: ProgramFile) -> None:
     """A contact is looked for by a motion of its own: it would end at what the first movement leaves."""
     _, first, *_ = motions(run(program))
-    (middle,) = first.waypoints
-    assert middle.target.velocity.linear.tolist() == [0.0, 0.0, 0.0]
+    _, middle = passed(first)[-1]
+    assert middle.pose.translation.tolist() == [0.4, -0.6, 0.33]
+    assert middle.velocity.linear.tolist() == [0.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize(

@@ -9,11 +9,12 @@ import pytest
 
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.checks import document_findings
+from caesura_protocol.programs.franky_script import POINTS_S
 from caesura_protocol.programs.ways_between_apps import ways_to_paths
 from harness.programs import DOWN, app, as_file, move, path_from, wiped
 
 from . import fake_franky
-from .franky_runs import flanges, motions, over_surface, run
+from .franky_runs import flanges, motions, over_surface, passed, run
 from .test_ur_script import on_ur, places, played
 from .xarm_runs import on_xarm
 from .xarm_runs import run as run_xarm
@@ -39,10 +40,12 @@ def test_an_xarm_goes_to_where_the_next_path_begins() -> None:
 
 def test_a_franka_arm_goes_to_where_the_next_path_begins() -> None:
     *_, first, second = motions(run(as_file(astray())))
-    led = [point.target.pose.translation.tolist() for point in (*first.waypoints, *second.waypoints)]
-    assert led == [list(place) for place in AROUND[1:]]
-    assert [point.minimum_time.milliseconds for point in second.waypoints] == [250, 1000]  # at 0.2 m/s
-    assert second.waypoints[0].target.velocity.linear.tolist() == [0.0, 0.0, 0.0]
+    assert passed(first)[-1][1].pose.translation.tolist() == list(ENDS)
+    (later_s, later), *_, (last_s, last) = passed(second)
+    assert later.pose.translation.tolist() == list(LATER)
+    assert later.velocity.linear.tolist() == [0.0, 0.0, 0.0]
+    assert last.pose.translation.tolist() == list(LAST)
+    assert (later_s, last_s) == pytest.approx((0.25, 1.25))  # at 0.2 m/s
 
 
 def test_the_check_and_the_scripts_agree_on_a_way_that_is_in_no_app() -> None:
@@ -51,9 +54,12 @@ def test_the_check_and_the_scripts_agree_on_a_way_that_is_in_no_app() -> None:
     assert "the robot moves straight to the start of this app" in found
 
 
-def test_a_path_that_begins_nearby_is_joined_at_its_first_via_point() -> None:
-    assert list(ways_to_paths(astray((0.309, -0.3, 0.4)))) == [None, None]
-    assert len(motions(run(as_file(astray((0.309, -0.3, 0.4)))))[-1].waypoints) == 1
+def test_a_path_that_begins_nearby_is_joined_at_its_first_point() -> None:
+    near = (0.309, -0.3, 0.4)
+    assert list(ways_to_paths(astray(near))) == [None, None]
+    (joined_s, joined), *_ = passed(motions(run(as_file(astray(near))))[-1])
+    assert joined_s == pytest.approx(POINTS_S)
+    assert math.dist(joined.pose.translation, near) > 0.005
 
 
 def test_a_turn_to_where_a_path_begins_is_a_way_in_the_air_and_none_in_contact() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections import deque
 from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import replace
@@ -368,7 +367,7 @@ class SegmentationPipeline:
         if conditioned.observations and not self._division.online.count and self._conditioner.tare is None:
             self._coach = self._signal_coach(tared=False)
             self._begin(tared=False)
-        looked, gaps = self._looked, deque(conditioned.gaps)
+        looked, gaps = self._looked, [*conditioned.gaps]
         for observation in conditioned.observations:
             self._report(gaps, observation.t)
             self._history.append(observation)
@@ -390,10 +389,10 @@ class SegmentationPipeline:
         else:
             self._view = self._look(happened, program=False)
 
-    def _report(self, gaps: deque[tuple[float, float]], t: float) -> None:
+    def _report(self, gaps: list[tuple[float, float]], t: float) -> None:
         """Raise hints for the gaps that begin before a time [s], and remove them from `gaps`."""
         while gaps and gaps[0][0] < t:
-            self._coach.report_gap(*gaps.popleft())
+            self._coach.report_gap(*gaps.pop(0))
 
     def _keep_up(self) -> None:
         """Store the settled segments once there are many."""

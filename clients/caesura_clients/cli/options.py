@@ -67,7 +67,7 @@ PathTolerance = Annotated[
     float | None,
     typer.Option(
         min=0.1,
-        max=1000.0,  # beyond it the number is in another unit: no arm strays by more
+        max=1000,  # beyond it the number is in another unit: no arm strays by more
         metavar="MM",
         help="Largest deviation of a path from the taught one \\[mm]; by default the service's, 2.",
     ),
@@ -76,7 +76,7 @@ AngleTolerance = Annotated[
     float | None,
     typer.Option(
         min=0.1,
-        max=180.0,
+        max=180,
         metavar="DEG",
         help="Largest deviation of the orientation along it [°]; by default the service's, 1.",
     ),

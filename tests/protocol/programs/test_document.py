@@ -148,7 +148,7 @@ NAMED = b'{"format": "caesura.program", "station": "a", "session": "b", "instanc
             b'{"format": "caesura.program", "version": 3}',
             "version is 3, expected at most 2: a newer",
         ),
-        (b'{"format": "caesura.program", "station": "Cell 1"}', "station is 'Cell 1', expected 1 to 64 of a to z"),
+        (b'{"format": "caesura.program", "station": "Cell 1"}', "station is 'Cell 1', expected 1 to 64 of a"),
         (NAMED + b'"apps": 3}', "apps is 3, expected an array"),
         (NAMED + b'"apps": [3]}', "app 1 (?) is 3, expected an object"),
         (b"{}", "station is missing"),

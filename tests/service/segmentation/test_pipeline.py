@@ -475,7 +475,7 @@ def test_what_was_shown_as_final_is_never_revised(
     phases: list[wire.Phase] = []
     programs: dict[int, tuple[wire.App, ...]] = {0: ()}  # by how many observations they were made of
     for cut in cycle(cuts):
-        pipeline.push(samples[:cut])
+        is_news = pipeline.push(samples[:cut])
         samples = samples[cut:]
         if cut == 1:
             pipeline.declare_gap()
@@ -485,7 +485,7 @@ def test_what_was_shown_as_final_is_never_revised(
         assert now[: len(changepoints)] == changepoints
         assert divided[: len(segments)] == segments
         count = pipeline.view.observations
-        if count not in programs or not len(samples):
+        if is_news or not len(samples):
             programs[count] = program_of(pipeline)
         assert any(
             programs.get(count - old) == pipeline.view.apps for old in range(PROGRAM_EVERY + LOOK_EVERY)

@@ -12,6 +12,7 @@ import typer
 from typer.testing import CliRunner
 
 from caesura_lab.commands import register
+from caesura_lab.evaluation import motion_library_evidence
 from caesura_lab.evaluation.motion_library_evidence import (
     LIBRARIES,
     LibraryEvidence,
@@ -94,7 +95,7 @@ def test_the_table_counts_what_each_library_is_behind():
     assert rows["best in"] == ("2", "1", "1", "0", "0", "0")
 
 
-def test_a_recording_needs_no_annotation_and_text_fits_a_terminal(tmp_path: Path, button: LibraryEvidence):
+def test_a_recording_needs_no_annotation(tmp_path: Path, button: LibraryEvidence):
     shutil.copy(BUTTON, tmp_path / "mine.npz")
     result = run(tmp_path / "mine.npz", "--format", "json")
     assert result.exit_code == 0, result.output
@@ -102,6 +103,9 @@ def test_a_recording_needs_no_annotation_and_text_fits_a_terminal(tmp_path: Path
     assert one["recording"] == "mine.npz"
     assert one["log_evidence"] == pytest.approx(button.log_evidence)
 
+
+def test_text_fits_a_terminal(monkeypatch: pytest.MonkeyPatch, button: LibraryEvidence):
+    monkeypatch.setattr(motion_library_evidence, "library_evidence", lambda _: button)
     text = run(BUTTON).stdout
     assert "minimum jerk" in text
     assert max(map(len, text.splitlines())) <= 80

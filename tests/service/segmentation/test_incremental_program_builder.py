@@ -90,9 +90,9 @@ def program_of(
     return task_program(steps, read, moment_at, least_s=0.3, gaps=gaps)
 
 
-def is_compared(now: int, steps: Sequence[ProgramSegment]) -> bool:
+def is_compared(look: int, now: int, steps: Sequence[ProgramSegment]) -> bool:
     """Whether a look is compared: every fourth, and the last one, which has all apps of earlier looks."""
-    return now % 4 == 0 or now == len(steps)
+    return look % 4 == 0 or now == len(steps)
 
 
 def gaps_between(steps: list[ProgramSegment]) -> list[Gap]:
@@ -115,7 +115,7 @@ def test_it_is_the_program_of_all_segments_at_once(seed: int, gripping: int, hol
         gaps = gaps_between(steps[:now])
         settled = max(now - int(rng.integers(4)), growing.first)
         apps = growing.apps(steps[growing.first : now], settled, seen, gaps)
-        if is_compared(now, steps):
+        if is_compared(now, now, steps):
             assert apps == program_of(steps[:now], seen, gaps)
 
 
@@ -176,12 +176,12 @@ def grow_with_fingers(seed: int, n: int, every: int, *, regrips: bool = False, *
             GripperAction(one.t, act, rng.choice([0.02, 0.04])) for one, act in zip(grips, acts, strict=True)
         ]
     growing = IncrementalProgramBuilder(moment_at, 0.3)
-    for now in (*range(every, n, every), n):
+    for look, now in enumerate((*range(every, n, every), n), start=1):
         seen = [grip for grip in grips if grip.t <= steps[now - 1].segment.tn]
         gaps = gaps_between(steps[:now])
         settled = max(now - int(rng.integers(4)), growing.first)
         apps = growing.apps(steps[growing.first : now], settled, seen, gaps)
-        if is_compared(now, steps):
+        if is_compared(look, now, steps):
             assert apps == program_of(steps[:now], seen, gaps)
 
 

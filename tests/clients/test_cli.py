@@ -286,6 +286,14 @@ def test_bridge_says_when_the_service_goes_and_comes_back(router, capsys):
     ]
 
 
+@pytest.mark.parametrize("command", [("bridge", "--station", "cell-1", "--file"), ("start", "cell-1")])
+def test_a_session_that_is_no_name_is_refused_before_a_router_is_looked_for(caesura, file, command):
+    """A bridge waited for a router first, for ever."""
+    more = (file,) if command[0] == "bridge" else ()
+    result = caesura(*command, *more, "--session", "A B", "--connect", "tcp/127.0.0.1:9")
+    assert_one_line(result, "error: session is not a valid name: 'A B'; expected 1 to 64 of a to z, ")
+
+
 @pytest.mark.parametrize("command", ["watch", "program", "sessions", "bridge"])
 def test_a_station_that_is_no_name_is_one_line_that_does_not_speak_of_the_wire(caesura, file, command):
     # It once stood behind "waiting for Cell_1" on the same line, and began with "malformed:".

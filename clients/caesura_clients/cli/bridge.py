@@ -179,6 +179,7 @@ def bridge(
         raise typer.BadParameter("of the button only: add --start-by button", param_hint="--released-s")
     with reported():
         named(station)
+        named(session, "session")
         folder = Path(os.environ.get("STATE_DIRECTORY", "."))  # which systemd sets
         settings = BridgeSettings(batch_samples=batch, setting=asked.setting(), unstored_folder=folder)
         if source == "teacher" and tilt_between(settings.setting.up, UP) > APART_RAD:

@@ -261,9 +261,12 @@ def reported() -> Iterator[None]:
         raise typer.Exit(1) from error
 
 
-def named(station: str | None) -> str | None:
-    """Return the typed station after validation, before any output. Raises ProtocolError."""
-    return None if station is None else check_name(station, "station")
+def named(typed: str | None, what: str = "station") -> str | None:
+    """Return the typed name of a station or session after validation, before any output.
+
+    Raises ProtocolError.
+    """
+    return None if typed is None else check_name(typed, what)
 
 
 def only_station(caesura: Caesura, station: str | None, session: str | None = None) -> str:

@@ -60,6 +60,7 @@ def start(
     """Start a demonstration at a bridge in standby."""
     with reported():
         named(station)
+        named(session, "session")
         description = stated.description()
         with connected(endpoint, config) as caesura:
             ack = demonstration_control.start(caesura.transport, station, description, session=session)

@@ -226,7 +226,8 @@ def _identity(label: str) -> Identity:
     try:
         return parse_identity(label)
     except ProtocolError as error:
-        raise SecurityError(str(error).removeprefix("malformed: ")) from error
+        known = error.expected if isinstance(error.expected, str) else ", ".join(error.expected)
+        raise SecurityError(f"{error.message}: {error.value!r}; expected {known}") from error
 
 
 def _common_names(label: str) -> Iterator[str]:

@@ -170,10 +170,10 @@ def test_the_dictionary_is_never_empty_because_zenoh_would_let_every_client_in(m
     ("arguments", "words"),
     [
         (("--station", "../../etc/cron.d/x"), "'../../etc/cron.d/x'"),
-        (("--station", "Cell"), "'Cell'"),
+        (("--station", "Cell"), "not a valid name: 'Cell'; expected 1 to 64 of a to z, "),
         (("--station", "c" * 60), "of at most 64"),
         (("--revoke", "bridge.nobody"), "it has bridge.cell-1, dashboard.wall"),
-        (("--renew", "robot.cell-1"), "bridge.NAME"),
+        (("--renew", "robot.cell-1"), "'robot.cell-1'; expected service.NAME, bridge.NAME, "),
         (("--renew", "bridge.../x"), "'../x'"),
         (("--host", "bücher.example"), "bücher"),
     ],

@@ -97,15 +97,18 @@ def check_free(address: Address) -> None:
 def serve(site: Site, address: Address) -> None:
     """Serve the dashboard until the process is asked to end."""
     declare(site)
-    run(address)
+    run(address, prepared=PREPARED)
 
 
-def run(address: Address) -> None:
-    """Serve the declared pages behind the access control, until the process is asked to end."""
+def run(address: Address, *, prepared: str | None = None) -> None:
+    """Serve the declared pages behind the access control, until the process is asked to end.
+
+    prepared: path of a page that is built before a browser asks.
+    """
     bound_logs()
     modules = [(PACKAGE, path.relative_to(WEB).as_posix()) for path in WEB.rglob("*.js")]
     app.add_middleware(
-        FileCompression, paths=(f"{ASSETS}/", "/_nicegui/"), prepared=PREPARED, modules=modules
+        FileCompression, paths=(f"{ASSETS}/", "/_nicegui/"), prepared=prepared, modules=modules
     )
     app.add_middleware(
         AccessMiddleware, names=address.known_as, password=address.password, proxies=address.proxies

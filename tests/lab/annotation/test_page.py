@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
 
+from caesura_clients.dashboard import server
+from caesura_clients.dashboard.compression import FileCompression
 from caesura_lab.annotation.edits import AnnotationEditor, EditError
 from caesura_lab.annotation.page import AnnotationSession
 from caesura_lab.annotation.signals import plotted_signals
@@ -71,3 +74,14 @@ def test_an_annotation_without_a_mark_or_a_file_is_not_called_saved(session: Ann
     assert standing() == (False, False)
     session.run_command("save", 2.0)
     assert standing() == (True, True)
+
+
+def test_no_page_of_the_dashboard_is_built_before_a_browser_asks(monkeypatch: pytest.MonkeyPatch):
+    """`caesura annotate` built the dashboard's page of a station, and printed that it was not found."""
+    added: dict[type, dict[str, Any]] = {}
+    monkeypatch.setattr(server.app, "add_middleware", lambda kind, **named: added.update({kind: named}))
+    monkeypatch.setattr(server.app, "on_startup", lambda _: None)
+    monkeypatch.setattr(server.ui, "run", lambda **_: None)
+    monkeypatch.setattr(server, "bound_logs", lambda: None)
+    server.run(server.Address("127.0.0.1", 8081))
+    assert added[FileCompression]["prepared"] is None

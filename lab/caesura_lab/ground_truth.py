@@ -209,7 +209,9 @@ def read_annotation(path: Path) -> Truth:
     """Read an annotation. Raises TruthError for anything else."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        raise TruthError(f"{path}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
         raise TruthError(f"{path}: not a readable annotation ({error})") from error
     return truth_of(content, str(path))
 

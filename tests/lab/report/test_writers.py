@@ -230,6 +230,7 @@ def test_the_command_finds_the_truth_beside_the_recording(tmp_path: Path, monkey
         (["taught.npz", "-o", "out.png", "--preset", "best"], "--preset is 'best', expected one of"),
         (["taught.npz", "-o", "nowhere/out.png"], "cannot write nowhere/out.png: no such directory"),
         (["taught.npz", "-o", "out.png", "--truth", "taught.npz"], "taught.npz: not a readable annotation"),
+        (["taught.npz", "-o", "out.png", "--truth", "a.json"], "a.json: cannot be read: No such file or dir"),
         (["taught.npz", "-o", "out.png", "--truth", "list.json"], "list.json: is a list, expected an object"),
     ],
 )

@@ -39,7 +39,8 @@ from caesura_protocol.recording import Recording
 
 OPEN = Path(__file__).parents[3] / "data" / "real"  # annotations of the repository, without recordings
 READABLE = (".npz", ".csv")
-BAGS = (".mcap", ".db3")
+MCAP = ".mcap"
+BAGS = (MCAP, ".db3")
 
 
 class Case(Protocol):
@@ -134,10 +135,22 @@ class FileCase:
         Also None where the mapping states the source.
         """
         mapping = self.reading.mapping
-        if not (is_bag(self.path) or self.path.suffix.lower() in BAGS):
+        if not _is_of_ros(self.path):
             return None
         mapped = mapping is not None and "wrench_source" in load_mapping(mapping).options
         return None if mapped else truth.wrench_source
+
+
+def _is_of_ros(path: Path) -> bool:
+    """Return whether a path is a rosbag2, whose reader asks for the wrench source; Caesura's MCAP is none."""
+    if path.suffix.lower() != MCAP:
+        return is_bag(path) or path.suffix.lower() in BAGS
+    try:
+        from caesura_protocol.formats.mcap_read import ROS2, profile_of  # noqa: PLC0415 - an extra
+
+        return profile_of(path) == ROS2
+    except (ImportError, OSError, ValueError):
+        return False  # `load_recording` states why
 
 
 def check_hash(path: Path, source: RecordingSource) -> None:

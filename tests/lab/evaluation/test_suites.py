@@ -43,6 +43,7 @@ from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording
 from caesura_service.offline_segmentation import capabilities_of, segment_recording
 from harness import ros
+from harness.commands import application
 
 BUTTON = Path(__file__).parents[3] / "data" / "button.npz"
 QUICK = Baseline("quick", thresholds)
@@ -351,6 +352,18 @@ def test_a_bag_is_judged_by_its_name_and_in_its_directory(tmp_path: Path):
     (tmp_path / "bag.ann.json").write_text(json.dumps(hashed))
     with pytest.raises(TruthError, match="has no SHA-256"):
         case.load()
+
+
+def test_the_source_that_an_mcap_states_holds_as_that_of_an_npz(tmp_path: Path):
+    """An annotation's source replaced that of Caesura's MCAP; of npz and csv it fills in what is missing."""
+    shutil.copy(BUTTON, tmp_path / "one.npz")
+    file = tmp_path / "one.mcap"
+    exported = CliRunner().invoke(application(), ["export", str(tmp_path / "one.npz"), "-o", str(file)])
+    assert exported.exit_code == 0, exported.output
+    (tmp_path / "one.ann.json").write_text(json.dumps(EMPTY | {"wrench_source": "joint_torque_estimate"}))
+    for path in (tmp_path / "one.npz", file):
+        recording, _ = FileCase(path).load()
+        assert (recording.wrench_source, recording.cautions) == ("flange_sensor", ())
 
 
 def test_a_bag_beside_its_recording_is_not_judged_twice(tmp_path: Path):

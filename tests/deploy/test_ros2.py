@@ -599,5 +599,5 @@ def test_urscript_is_sent_to_the_controller(monkeypatch):
         is_sent.set()
         controller.join(10.0)
     assert done.success
-    assert b"".join(received).startswith(b"# Task program file/example")
+    assert b"".join(received).startswith(b"def caesura_program():\n  # Task program file/example")
     assert b"".join(received).endswith(b"\nend\n")  # without a line feed it is not run

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from textwrap import indent
 
 import numpy as np
 
@@ -70,7 +71,7 @@ def ur_script(program: ProgramFile) -> str:
         "<NAME>": title_of(program),
         "<ROBOT>": one_line(title),
         "<LEGS>": LEGS,
-        "<FINDINGS>\n": head_comments(program),
+        "<FINDINGS>\n": indent(head_comments(program), INDENT),
         "<LIMITS>": "\n".join(f"{INDENT}{line}" for line in acting_limits(program)),
         "<HARDEST_N>": f"{hardest_n(program):.3f}",
         "<GRAVITY>\n": _gravity(program),
@@ -79,7 +80,7 @@ def ur_script(program: ProgramFile) -> str:
         "<GRIPPER>": "\n".join(_gripper_functions(program)),
         "<APPS>": "\n".join(f"{INDENT}{line}" if line else "" for line in lines),
     }
-    return _ascii(filled_template("ur_template.script.txt", texts))
+    return _ascii(_indented(filled_template("ur_template.script.txt", texts)))
 
 
 def _gravity(program: ProgramFile) -> str:
@@ -91,6 +92,15 @@ def _gravity(program: ProgramFile) -> str:
         return ""
     away = _list([GRAVITY_M_PER_S2 * value for value in program.up])
     return f"{INDENT}set_gravity({away})  # [m/s2] away from the ground, as this program states it\n"
+
+
+def _indented(text: str) -> str:
+    """Return a script whose empty lines are comments: the controller needs an indentation in every line.
+
+    "All other script lines must be indented by at least one white space" (script manual, Connecting to
+    URControl). The script begins with its `def`, and ends with its `end`.
+    """
+    return "".join(f"{line or f'{INDENT}#'}\n" for line in text.splitlines())
 
 
 def _ascii(text: str) -> str:

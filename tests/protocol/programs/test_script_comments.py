@@ -84,7 +84,7 @@ def test_a_finding_is_one_line_of_comment(write: Writer, robot: str, gripper: st
     program = on_robot(pick_and_place(), robot, gripper)
     noted = wrench(stated=True, contact_models=False, note="first\nimport os")
     lines = write(program.model_copy(update={"wrench": noted})).splitlines()
-    assert [line for line in lines if "import os" in line] == [
+    assert [line.strip() for line in lines if "import os" in line] == [
         "# warning: contacts were not searched for. first import os"
     ]
 
@@ -111,7 +111,7 @@ def test_a_group_of_apps_has_its_name_above_its_first_app(write: Writer, robot: 
     assert heading.startswith(
         "# === wipe <APPS> the tray import os import sys halt, 3 strokes taught: apps 1"
     )
-    after = next(line for line in lines[lines.index(heading) + 1 :] if line)
+    after = next(line for line in lines[lines.index(heading) + 1 :] if line not in ("", "#"))
     assert after.startswith("# app 1 (move to contact)")
     code = [line for line in text.splitlines() if line.strip() and not line.strip().startswith("#")]
     assert code == [line for line in plain.splitlines() if line.strip() and not line.strip().startswith("#")]

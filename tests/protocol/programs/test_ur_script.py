@@ -422,6 +422,15 @@ def test_a_program_without_orientation_keeps_that_of_the_flange():
     assert places(controller) == [[*place, 0.0, 3.14, 0.0]]
 
 
+def test_a_controller_recognises_a_script():
+    """It needs `def` first, an indentation in every other line, and `end` last (script manual)."""
+    noted = (press()[0].model_copy(update={"note": "ümlaut"}), *press()[1:])
+    first, *lines, last = ur_script(on_ur(noted, name="wipe")).split("\n")[:-1]
+    assert first == "def caesura_program():"
+    assert all(line.startswith("  ") for line in lines)
+    assert last == "end"
+
+
 def test_every_block_of_a_script_ends():
     as_python(ur_script(on_ur(pick_and_place())))
     with pytest.raises(SyntaxError, match="1 blocks have no end"):

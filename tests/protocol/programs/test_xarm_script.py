@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 from contextlib import nullcontext
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from caesura_protocol.messages import ScrewMotion
 from caesura_protocol.programs.safety import Safety
@@ -399,8 +401,27 @@ def test_the_first_way_is_slow_where_only_the_fingers_moved_before_it():
     # Fingers that open first counted as a movement: the arm went to its first place as fast as it was taught.
     opened = pick_and_place()[4].model_copy(update={"t0": 0.0, "tn": 0.1})
     arm = run(on_xarm((opened, *press())), table_m=0.185)
-    first = arm.calls("set_position_aa")[0]
-    assert first.kwargs["speed"] == pytest.approx(100.0)
+    first, began = arm.calls("set_position_aa")[0], Arm().pose
+    turn = Rotation.from_rotvec(first.args[0][3:]) * Rotation.from_rotvec(began[3:]).inv()
+    slowly = 0.3 * math.dist(first.args[0][:3], began[:3]) / turn.magnitude()
+    assert first.kwargs["speed"] == pytest.approx(min(100.0, slowly))
+
+
+@pytest.mark.parametrize("off_mm", [0.0, 1.0, 50.0, 400.0])
+def test_the_way_to_the_first_place_turns_slowly(off_mm: float):
+    """An arm that stood near the start, and was turned, turned as fast as it can."""
+    arm = Arm()
+    x, y, z, *_ = arm.pose  # turned by half a turn about x
+    there = ((x + off_mm) / 1000.0, y / 1000.0, z / 1000.0)
+    about_y = (0.0, 1.0, 0.0, 0.0)
+    path = path_from(there, 0.0, 1.0, 0.05, about_y)
+    way = app("cartesian_motion", 0.0, 1.0, (there[0], there[1], there[2] - 0.05), path=path)
+    made = module_of(on_xarm((way.model_copy(update={"orientation": about_y}),)))
+    made.Runner(lambda host, is_radian: arm.api, "10.0.0.3").run(made.APPS)
+    speed = arm.calls("set_position_aa")[0].kwargs["speed"]
+    seconds = math.pi / speed if off_mm == 0.0 else off_mm / speed
+    assert math.pi / seconds <= 0.3 + 1e-3
+    assert speed <= 100.0
 
 
 @pytest.mark.parametrize(("seconds", "slower"), [(6.0, False), (60.0, True)])

@@ -134,6 +134,19 @@ def test_a_path_is_followed_by_its_via_points_with_their_velocities_and_times() 
     assert len(calls[1].reactions) == 1
 
 
+def test_a_contact_is_approached_so_that_the_robot_can_stop_before_it() -> None:
+    x, y, z = (-0.02, -0.52, 0.19)
+    path = path_from((x, y, z + 0.2), 0.8, 1.6, 0.2)  # at up to 0.47 m/s
+    touch, *rest = press()
+    motion = motions(run(as_file((touch.model_copy(update={"t0": 0.8, "tn": 1.6, "path": path}), *rest))))[1]
+    *way, (_, last) = passed(motion)
+    assert last.pose.translation[2] == pytest.approx(z + STANDOFF_M)
+    assert way
+    for _, state in way:
+        left_m = float(state.pose.translation[2] - last.pose.translation[2])
+        assert state.velocity.linear[2] ** 2 <= 2.0 * 1.0 * left_m
+
+
 def test_points_between_via_points_are_on_the_reproduced_path_and_close_together() -> None:
     """Between two points franky goes another way than the reproduced path."""
     way = circle(seconds=3.2)  # with via points 0.4 s apart

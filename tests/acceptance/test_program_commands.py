@@ -104,7 +104,7 @@ def test_a_script_for_another_robot_of_the_maker_is_written_where_it_is_retarget
     assert (refused.exit_code, "was taught on ur5e, not on ur10e" in refused.output) == (1, True)
     written = caesura(*command, "--retarget")
     assert written.exit_code == 0, written.output
-    assert "Universal Robots UR10e" in written.output.splitlines()[0]
+    assert "Universal Robots UR10e" in written.output.splitlines()[1]
 
 
 def test_a_program_is_run_and_what_was_recorded_is_a_recording(program: Path, tmp_path: Path) -> None:

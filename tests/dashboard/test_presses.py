@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from typing import Self
 
 import pytest
@@ -22,7 +23,7 @@ from caesura_protocol.messages import BridgeAck, BridgeControl, BridgeStatus, St
 from caesura_protocol.messages.field_types import BridgeState
 from caesura_protocol.transport.inbox import Inbox, IncomingQuery, ReceivedSample, TokenChange
 from caesura_protocol.transport.transport_interface import Transport
-from dashboard.browser import CLICK, DESK, PATIENCE_MS, Visitor, needs_chromium
+from dashboard.browser import CLICK, DESK, LOOK_MS, PATIENCE_MS, Visitor, needs_chromium
 from dashboard.stage import Stage
 from harness.demonstrations import guided
 from harness.processes import DEADLINE_S
@@ -277,9 +278,7 @@ def test_no_press_waits_for_those_at_other_stations(page: Page, bridge: Scripted
         asked.done("first", "ready")
 
 
-def test_a_page_without_its_dashboard_states_that_what_it_shows_is_old(
-    stage: Stage, page: Page, bridge: ScriptedBridge
-):
+def test_a_page_without_its_dashboard_states_that_what_it_shows_is_old(page: Page, bridge: ScriptedBridge):
     """It taught on in green, however long ago the connection was lost."""
     state, why = page.locator(".desk-state"), page.locator("#desk-why")
     start(page, bridge, "first")
@@ -290,13 +289,31 @@ def test_a_page_without_its_dashboard_states_that_what_it_shows_is_old(
     expect(why).to_have_text("The connection to the dashboard is lost: what is shown is old.")
     page.evaluate("() => window.socket.connect()")
     expect(state).to_contain_text("Teaching")
-    page.goto(stage.dashboard.url)
+
+
+def test_the_list_of_stations_without_its_dashboard_states_that_it_is_old(
+    stage: Stage, page: Page, bridge: ScriptedBridge
+):
     badge, summary = page.locator(".card .badge-said").first, page.locator(".summary")
+    page.goto(stage.dashboard.url)
     expect(badge).to_be_visible()
     expect(badge).not_to_have_text("stale")
+    page.wait_for_function("() => window.did_handshake", polling=LOOK_MS)
     page.evaluate("() => window.socket.disconnect()")
     expect(badge).to_have_text("stale")
     expect(summary).to_have_text("The connection to the dashboard is lost: what is shown is old.")
+
+
+def test_a_page_that_its_dashboard_never_answers_states_that_what_it_shows_is_old(
+    stage: Stage, page: Page, bridge: ScriptedBridge
+):
+    """It showed what it was loaded with, for ever, as if that held."""
+    with closing(page.context.new_page()) as alone:
+        alone.route("**/socket.io/**", lambda request: request.abort())
+        alone.route_web_socket(re.compile("socket.io"), lambda socket: socket.close())
+        alone.goto(stage.dashboard.url)
+        expect(alone.locator(".card .badge-said").first).to_have_text("stale")
+        expect(alone.locator(".summary")).to_contain_text("what is shown is old")
 
 
 @pytest.mark.parametrize("name", ["Start", "Stop"])

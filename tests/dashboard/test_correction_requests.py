@@ -105,7 +105,7 @@ def test_a_refusal_of_who_comes_second_applies_to_the_revision_that_is_there():
 @pytest.mark.parametrize(
     ("error", "words"),
     [
-        (CaesuraError("nobody answers"), "Not done: nobody answers."),
+        (CaesuraError("no service answers"), "Not done: no service answers."),
         (Unreachable("no router; is it running?"), "Not done: no router; is it running?"),
         (ProtocolError("conflict", "undo 3 first", value=1, expected=3), "Not done: undo 3 first."),
         (

@@ -18,7 +18,7 @@ from rich.text import Text
 
 from caesura_clients.cli.connection_options import Config, Connect
 from caesura_clients.cli.edit_action_validation import refused_in_words, validated, word_of, wrong
-from caesura_clients.cli.options import connected, named, reported
+from caesura_clients.cli.options import MOST_TOLERANCE_MM, connected, named, reported
 from caesura_clients.cli.result_tables import PLAIN, clock_lines, program_view
 from caesura_clients.program_editing import edit_program as send_edit
 from caesura_clients.program_editing import in_words, outcome_words, part_between, reference
@@ -29,7 +29,6 @@ from caesura_protocol.session_time_display import NO_OFFSET, SessionClock, clock
 from caesura_protocol.validation_words import Place
 
 MM = 0.001  # [m]
-MOST_TOLERANCE_M = 1.0  # as of --path-tolerance
 
 
 class _Value(NamedTuple):
@@ -45,9 +44,9 @@ def _length(text: str) -> float:
 
 
 def _tolerance(text: str) -> float:
-    """Raises ValueError for a number beyond MOST_TOLERANCE_M, which is in another unit."""
+    """Raises ValueError for a number beyond MOST_TOLERANCE_MM, which is in another unit."""
     tolerance_m = _length(text)
-    if tolerance_m > MOST_TOLERANCE_M:
+    if tolerance_m > MM * MOST_TOLERANCE_MM:
         raise ValueError(text)
     return tolerance_m
 
@@ -65,7 +64,7 @@ CHANGES: Mapping[str, _Value] = {
     "position": _Value("target_name", str, "TEXT"),
     "speed": _Value("speed", float, "FACTOR"),
     "force": _Value("force_n", float, "NUMBER [N]"),
-    "tolerance": _Value("tolerance_m", _tolerance, "NUMBER [mm, up to 1000]"),
+    "tolerance": _Value("tolerance_m", _tolerance, f"NUMBER [mm, up to {MOST_TOLERANCE_MM}]"),
     "width": _Value("gripper_width", _length, "NUMBER [mm]"),
     "as-taught": _Value(
         "as_taught", lambda text: [CHANGES[name].field for name in text.split(",")], "VALUE,VALUE"

@@ -63,11 +63,12 @@ ForceLimit = Annotated[
         help="Highest force [N] that an app of the program exerts. By default forces are as taught.",
     ),
 ]
+MOST_TOLERANCE_MM = 1000  # beyond it the number is in another unit: no arm strays by more
 PathTolerance = Annotated[
     float | None,
     typer.Option(
         min=0.1,
-        max=1000,  # beyond it the number is in another unit: no arm strays by more
+        max=MOST_TOLERANCE_MM,
         metavar="MM",
         help="Largest deviation of a path from the taught one \\[mm]; by default the service's, 2.",
     ),

@@ -143,8 +143,15 @@ def said(
     lead: str = "Not done",
 ) -> str:
     """Return a refusal as a sentence for an operator. action: the refused one; clock: of its session."""
+    return f"{lead}: {refusal(why, action, clock)}"
+
+
+def refusal(
+    why: ProtocolError | CaesuraError | str, action: Refused | None = None, clock: SessionClock = NO_OFFSET
+) -> str:
+    """Return a refusal with its full stop. Arguments as `said`."""
     words = refusal_words(why, action, clock) if isinstance(why, ProtocolError) else clock.text(str(why))
-    return f"{lead}: {words}{'' if words.endswith(('.', '?')) else '.'}"
+    return f"{words}{'' if words.endswith(('.', '?')) else '.'}"
 
 
 def done(edit: Edit, ack: Ack, clock: SessionClock = NO_OFFSET) -> str:

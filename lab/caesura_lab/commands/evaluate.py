@@ -19,7 +19,7 @@ from caesura_lab.evaluation import motion_library_evidence as libraries
 from caesura_lab.evaluation.calibration import calibrate
 from caesura_lab.evaluation.methods import Method, MissingExtraError, PresetMethod, baselines
 from caesura_lab.evaluation.report import as_json, report
-from caesura_lab.evaluation.runner import RefusedRecording, Verdict, judge_readable
+from caesura_lab.evaluation.runner import RefusedRecording, Verdict, judge_all
 from caesura_lab.evaluation.score import Score
 from caesura_lab.evaluation.suites import (
     AS_STATED,
@@ -455,7 +455,7 @@ def _judged(
     workers: int,
 ) -> tuple[list[Verdict], list[str]]:
     """Return the verdicts, and why recordings were refused. Raises TruthError if all were."""
-    found = list(_with_progress(judge_readable(cases, methods, tolerance_options, workers=workers), cases))
+    found = list(_with_progress(judge_all(cases, methods, tolerance_options, workers=workers), cases))
     refused = sorted(one.reason for one in found if isinstance(one, RefusedRecording))
     for reason in refused if len(refused) < len(found) else refused[1:]:
         typer.echo(f"error: {reason}", err=True)

@@ -6,7 +6,6 @@ An MCAP file has its segments, too.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -16,12 +15,12 @@ import typer
 from caesura_clients.cli.options import ProgramOptions, Reading, grouped, reported
 from caesura_clients.cli.result_tables import ignored_line
 from caesura_lab.commands.dataset_export_options import DATASET_OPTIONS, DatasetOptions, write_dataset
-from caesura_lab.commands.options import Mapping, PresetName, RecordingFiles, namesakes
+from caesura_lab.commands.options import Mapping, PresetName, RecordingFiles, namesakes, stated_recording
 from caesura_lab.commands.segment import segmented
 from caesura_lab.recording_warnings import without_confirmed
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.formats.mcap_schemas import TaskProgram
-from caesura_protocol.formats.read import load_recording, recordings_of
+from caesura_protocol.formats.read import recordings_of
 from caesura_protocol.formats.write import WRITERS, check_not_read, check_writable
 from caesura_protocol.number_words import counted
 from caesura_protocol.package_version_and_extras import import_extra
@@ -72,18 +71,11 @@ def export_recording(
         copied = out.suffix in WRITERS and file_format is None  # without results
         recordings = []
         for file in found:
-            recording = load_recording(
-                file,
-                **reading._asdict(),
-                robot=asked.robot,
-                up=asked.up,
-                mapping=mapping,
-                as_stated=copied,
-            )
+            recording = stated_recording(file, reading, asked, mapping, as_stated=copied)
             for line in (ignored_line(recording), *recording.assumed, *recording.cautions, *recording.doubts):
                 if line:
                     typer.echo(f"{file}: {line}" if len(found) > 1 else line, err=True)
-            recordings.append(replace(recording, setting=asked.setting().completed_by(recording.setting)))
+            recordings.append(recording)
         try:
             if file_format is not None:
                 names = [file.stem for file in found]

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from caesura_clients.cli.options import reported
+from caesura_clients.cli.options import ProgramOptions, Reading, reported
 from caesura_protocol.errors import CaesuraError
-from caesura_protocol.recording import wrong_option
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.recording import Recording, wrong_option
 from caesura_service.changepoint.presets import KNOWN_PRESETS, PRESETS
 
 RecordingFile = Annotated[Path, typer.Argument(help="Recording: npz, csv, MCAP, or a rosbag2.")]
@@ -24,6 +26,24 @@ RecordingFiles = Annotated[
         show_default=False,
     ),
 ]
+
+
+def stated_recording(
+    file: Path, reading: Reading, asked: ProgramOptions, mapping: Path | None, *, as_stated: bool = False
+) -> Recording:
+    """Read a recording with the options of the command line, which come before its own statements.
+
+    as_stated: as for `load_recording`. Raises CaesuraError, ProtocolError.
+    """
+    recording = load_recording(
+        file,
+        **reading._asdict(),
+        robot=asked.robot,
+        up=asked.up,
+        mapping=mapping,
+        as_stated=as_stated,
+    )
+    return replace(recording, setting=asked.setting().completed_by(recording.setting))
 
 
 def namesakes(files: Sequence[Path]) -> tuple[Path, Path] | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -11,13 +10,12 @@ from typing import Annotated
 import typer
 
 from caesura_clients.cli.options import ProgramOptions, Reading, grouped, reported
-from caesura_lab.commands.options import Mapping, PresetName, RecordingFile
+from caesura_lab.commands.options import Mapping, PresetName, RecordingFile, stated_recording
 from caesura_lab.commands.segment import announce_compilation
 from caesura_lab.ground_truth import Truth, read_annotation, truth_file
 from caesura_lab.report.report_data import ReportData, collect
 from caesura_lab.report.times_from_start import from_start
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError
-from caesura_protocol.formats.read import load_recording
 from caesura_protocol.package_version_and_extras import install_command
 from caesura_protocol.recording import Recording
 from caesura_service.config import DEFAULT_PRESET
@@ -40,10 +38,9 @@ def report(
     """Draw a recording with its segmentation: signals, path, tables, and the posterior over time."""
     with reported():
         _writable(out)
-        recording = load_recording(file, **reading._asdict(), robot=asked.robot, up=asked.up, mapping=mapping)
+        recording = stated_recording(file, reading, asked, mapping)
         beside = truth_file(file)
         annotation = truth or (beside if beside.is_file() else None)
-        recording = replace(recording, setting=asked.setting().completed_by(recording.setting))
         _report(recording, out, preset, annotation)
     typer.echo(f"{out}: {out.stat().st_size / 1000:.0f} kB")
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from collections.abc import Mapping as Answers
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -26,12 +25,12 @@ from caesura_clients.cli.result_tables import (
     phases_table,
     segments_table,
 )
-from caesura_lab.commands.options import Mapping, PresetName, RecordingFiles
+from caesura_lab.commands.options import Mapping, PresetName, RecordingFiles, stated_recording
 from caesura_lab.commands.segment_output import STDOUT, check_output, outputs_of, write_line, write_result
 from caesura_lab.program_findings import program_findings
 from caesura_lab.recording_warnings import recording_warnings, without_confirmed
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError
-from caesura_protocol.formats.read import load_recording, recordings_of
+from caesura_protocol.formats.read import recordings_of
 from caesura_protocol.number_words import counted
 from caesura_protocol.programs.apps_by_phase import groups_of
 from caesura_protocol.recording import Recording
@@ -56,14 +55,7 @@ class _Job(NamedTuple):
 
     def segmented(self, file: Path) -> _Segmented:
         """Read and segment a file. Raises CaesuraError, ProtocolError."""
-        recording = load_recording(
-            file,
-            **self.reading._asdict(),
-            robot=self.asked.robot,
-            up=self.asked.up,
-            mapping=self.mapping,
-        )
-        recording = replace(recording, setting=self.asked.setting().completed_by(recording.setting))
+        recording = stated_recording(file, self.reading, self.asked, self.mapping)
         view = segmented(without_confirmed(recording), self.preset, self.threshold)
         return _Segmented(file, recording, view, recording_warnings(recording, self.preset))
 

@@ -84,19 +84,11 @@ def judge_all(
     tolerance_options: Sequence[ToleranceOptions] = (AS_READ,),
     *,
     workers: int = 1,
-) -> Iterator[list[Verdict]]:
-    """Yield the verdicts on each case, in no order. With more than one worker, in processes."""
-    return each(partial(judge, methods=methods, tolerance_options=tolerance_options), cases, workers=workers)
-
-
-def judge_readable(
-    cases: Sequence[Case],
-    methods: Sequence[Method],
-    tolerance_options: Sequence[ToleranceOptions] = (AS_READ,),
-    *,
-    workers: int = 1,
 ) -> Iterator[list[Verdict] | RefusedRecording]:
-    """Yield what `judge_all` yields, and a refusal in place of the verdicts on a case that cannot be read."""
+    """Yield the verdicts on each case, or why it cannot be read, in no order.
+
+    With more than one worker, in processes.
+    """
     work = partial(_judge_or_refuse, methods=methods, tolerance_options=tolerance_options)
     return each(work, cases, workers=workers)
 

@@ -20,7 +20,7 @@ from caesura_lab.commands import register
 from caesura_lab.evaluation import suites
 from caesura_lab.evaluation.baselines import Baseline, thresholds
 from caesura_lab.evaluation.report import as_json, report
-from caesura_lab.evaluation.runner import judge, judge_all
+from caesura_lab.evaluation.runner import judge
 from caesura_lab.evaluation.session_declarations import with_declarations
 from caesura_lab.evaluation.suites import (
     FileCase,
@@ -111,7 +111,7 @@ def test_a_recording_that_is_not_the_annotated_one_is_refused_with_both_hashes(e
     path = extent.data / "kit_1.npz"
     replace(BASE, t=BASE.t + 0.01).save(path)
     with pytest.raises(TruthError) as refusal:
-        list(judge_all(suite("real", extent), [QUICK]))
+        [judge(case, [QUICK]) for case in suite("real", extent)]
     assert sha256(path) in str(refusal.value)
     assert sha256(BUTTON) in str(refusal.value)
     assert "kit_1.npz" in str(refusal.value)
@@ -291,7 +291,7 @@ def test_a_report_has_every_slack_and_every_set_with_its_margin(extent: SuiteOpt
     methods = [QUICK, Baseline("nothing", lambda signals: thresholds(signals)[:0])]
     tolerance_options = [ToleranceOptions(), ToleranceOptions(slack_s=0.2)]
     cases = suite("real", extent)
-    verdicts = [one for some in judge_all(cases, methods, tolerance_options) for one in some]
+    verdicts = [one for case in cases for one in judge(case, methods, tolerance_options)]
     result = report("one", ["quick", "nothing"], verdicts)
     assert [section.slack_s for section in result.sections] == [0.0, 0.2]
     plain = as_json(result)

@@ -9,12 +9,12 @@ import numpy as np
 from nicegui import Client, run, ui
 from nicegui.events import GenericEventArguments
 
+from caesura_clients.dashboard.correction_requests import refusal
 from caesura_clients.dashboard.nicegui_elements import SessionList, Tables, lags
 from caesura_clients.dashboard.pages.layout import SLOW_TICK_S, Site, page
 from caesura_clients.dashboard.session_list_rows import damaged, sessions
 from caesura_clients.dashboard.station_summary import DashboardState
 from caesura_clients.dashboard.system import system
-from caesura_clients.refusal_words import refusal_words
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.keys import check_name
 
@@ -40,8 +40,7 @@ def build_sessions(site: Site) -> None:
             station = check_name(event.args, "station") if event.args else "*"
             found = await run.io_bound(site.gateway.read_stored, station)
         except (CaesuraError, ProtocolError) as error:
-            why = refusal_words(error) if isinstance(error, ProtocolError) else str(error)
-            listed.answered(f"{why}.", failed=True)
+            listed.answered(refusal(error), failed=True)
         else:
             listed.answered(
                 f"{found} older ones." if found else "The journal has no older one.", failed=False

@@ -264,7 +264,7 @@ NOT_ZEROED = (
     f"The force is not zeroed, so contact and free space are not distinguished: the recording lasts "
     f"{{span:.3g}} s, and its first {TARE_S:g} s are needed; {OFF}."
 )
-DECLARED = "it is declared to be right"
+DECLARED = "it is used as it is, because its unit is declared"
 SHORT = "contacts and loads of that time may be wrong"
 NOISE_FREE = "0 is taken as free space, as in a simulation without noise"
 DEAD_BAND = "the least that is not 0 is {least:.2g} {unit}, and contacts and loads below that are not seen"

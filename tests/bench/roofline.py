@@ -46,7 +46,7 @@ def work_of(lattice: SegmentModelSet, hypotheses: int, window: int) -> Work:
 def of_profile(model: ProfileModel) -> tuple[int, float]:
     """Numbers read or written and operations done for a hypothesis and a profile."""
     axes, shares, groups = 3, len(model.noise.shares), 1 if model.noise.joint else 3
-    uneven, mixture = model.library.calm < 1.0, model.choice == "mixture"
+    uneven, mixture = model.library.rest_scale_ratio < 1.0, model.choice == "mixture"
     numbers = 2 * axes + 2 * groups * uneven  # Σwyφ, and Σwy² where it is one's own, read and written
     numbers += 2 + uneven + mixture  # φw, Σφ²w, w, Σ log scale
     operations = axes * (2 + 4) + axes * 3 * uneven  # Σwyφ, and what it explains; Σwy²

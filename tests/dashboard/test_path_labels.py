@@ -21,7 +21,7 @@ pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard
 import nicegui
 from playwright.sync_api import Browser, Page, expect
 
-from caesura_clients.dashboard.nicegui_elements import WEB
+from caesura_clients.dashboard.web_components import WEB
 from dashboard.browser import THEMES, Theme, needs_chromium
 
 pytestmark = needs_chromium

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from nicegui import core, run
 
-from caesura_clients.dashboard.nicegui_elements import ProgramTimeline
 from caesura_clients.dashboard.pages.session import SessionPage
 from caesura_clients.dashboard.program_timeline import Timeline
+from caesura_clients.dashboard.web_components import ProgramTimeline
 from caesura_protocol.messages import Program
 from caesura_protocol.session_time_display import NO_OFFSET
 from clients.examples import snapshot

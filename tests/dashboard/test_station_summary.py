@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from caesura_clients.dashboard.demonstration_control import controls
+from caesura_clients.dashboard.demonstration_requests import controls
 from caesura_clients.dashboard.station_summary import (
     STALE_S,
     DashboardState,

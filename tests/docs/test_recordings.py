@@ -10,7 +10,7 @@ import pytest
 
 from caesura_clients.bridge.sources.registry import SOURCES
 from caesura_protocol.errors import ERROR_CODES
-from caesura_protocol.formats.foreign_csv import UNITS, rules_of
+from caesura_protocol.formats.csv_read_mapped import UNITS, rules_of
 from caesura_protocol.formats.mapping_file_read import ColumnMapping, load_mapping
 from caesura_protocol.formats.ros_messages import topic_rules
 from caesura_protocol.formats.ros_types import FRANKA_HASH, READ

@@ -53,7 +53,7 @@ def test_a_force_that_freezes_is_named_and_not_used(tmp_path: Path, torque: Chan
     assert load_recording(file, as_stated=True).wrench_source == "flange_sensor"
     believed = load_recording(file, force_unit="N")
     assert believed.wrench_source == "flange_sensor"
-    assert "it is declared to be right" in believed.cautions[0]
+    assert "it is used as it is, because its unit is declared" in believed.cautions[0]
 
 
 @pytest.mark.parametrize("axis", [0, 2])
@@ -69,7 +69,7 @@ def test_an_axis_that_freezes_is_named_and_the_force_is_not_used(tmp_path: Path,
     assert "from 6.00 s to 12.80 s" in caution
     believed = load_recording(tmp_path / "a.npz", force_unit="N")
     assert believed.wrench_source == "flange_sensor"
-    assert "it is declared to be right" in believed.cautions[0]
+    assert "it is used as it is, because its unit is declared" in believed.cautions[0]
 
 
 def stepped_and_noisy(step: float, noise: float) -> Change:

@@ -28,11 +28,11 @@ from typing import Any
 from caesura_clients import query
 from caesura_clients.bridge.bridge import Bridge, new_bridge_name, new_session_name
 from caesura_clients.bridge.control_client import ControlClient
+from caesura_clients.bridge.gated_source_feed import SourceFeed
 from caesura_clients.bridge.marker_queue import MarkerQueue
 from caesura_clients.bridge.query_responder import QueryThread
 from caesura_clients.bridge.settings import BridgeSettings
 from caesura_clients.bridge.sources import Chunk, Mark, Source, button_pressed
-from caesura_clients.bridge.standby_source_feed import SourceFeed
 from caesura_protocol.codec import decode, encode, encode_error
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable, printable
 from caesura_protocol.keys import check_name, station_key

@@ -21,7 +21,7 @@ from caesura_protocol.formats.csv_layout_detection import (
     read_layout,
     with_turns,
 )
-from caesura_protocol.formats.foreign_csv import SIGNAL_OF_COLUMN, TURNS, UNITS
+from caesura_protocol.formats.csv_read_mapped import SIGNAL_OF_COLUMN, TURNS, UNITS
 from caesura_protocol.formats.mapping_file_write import MappingAnswers, mapping_text
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, FORCE_FRAMES, HANDS_ON_ROBOT, WRENCH_SOURCES
 from caesura_protocol.number_words import counted

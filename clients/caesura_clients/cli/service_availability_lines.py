@@ -14,7 +14,7 @@ ROUTER_GONE = "router not reachable, waiting"
 LINK_S, LOOK_S = 0.5, 0.05  # tokens disappear up to LINK_S before Zenoh reports the end of their link
 
 
-def said_of_service(change: Change, has_router: Callable[[], bool] | None = None) -> str:
+def availability_text(change: Change, has_router: Callable[[], bool] | None = None) -> str:
     """Return a change of the service's availability as text.
 
     has_router: returns whether the link to the router is up; None: not checked. It takes up to LINK_S.
@@ -39,5 +39,5 @@ class AvailabilityLines:
     def __call__(self, change: Change) -> None:
         """Print a change."""
         if change == "gone" or self.is_gone:
-            typer.echo(said_of_service(change, self._has_router), err=True)
+            typer.echo(availability_text(change, self._has_router), err=True)
         self.is_gone = change == "gone"

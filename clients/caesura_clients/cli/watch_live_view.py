@@ -17,7 +17,7 @@ from rich.text import Text
 
 from caesura_clients.cli.compact_station_rows import station_lines
 from caesura_clients.cli.result_tables import clock_lines, measures_force, segment_line, segments_view
-from caesura_clients.cli.service_availability_lines import SAID_OF_SERVICE, said_of_service
+from caesura_clients.cli.service_availability_lines import SAID_OF_SERVICE, availability_text
 from caesura_clients.session_follower import Event, ServiceAvailability, SessionRemoved
 from caesura_clients.session_state_reader import Update
 from caesura_clients.station_name_conflicts import REMEDY, ParallelSessions, in_words
@@ -82,7 +82,7 @@ class LiveView:
             case ServiceAvailability("there") if not self._service:
                 pass  # it was there before it was watched
             case ServiceAvailability():
-                self._service = said_of_service(event.state, self._has_router)
+                self._service = availability_text(event.state, self._has_router)
 
     def shown(self) -> list[Update]:
         """Return the newest update of each station's current session, sorted by station."""

@@ -54,7 +54,7 @@ def dashboard(
 ) -> None:
     """Show stations in a browser, with signals, segments and programs, and correct the results."""
     from caesura_clients.dashboard.correction_requests import corrector  # noqa: PLC0415
-    from caesura_clients.dashboard.demonstration_control import DemonstrationDesk  # noqa: PLC0415
+    from caesura_clients.dashboard.demonstration_requests import DemonstrationDesk  # noqa: PLC0415
     from caesura_clients.dashboard.network_follower import NetworkFollower  # noqa: PLC0415
     from caesura_clients.dashboard.pages.layout import Site  # noqa: PLC0415
     from caesura_clients.dashboard.program_simulation import Simulator  # noqa: PLC0415

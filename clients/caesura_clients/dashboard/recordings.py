@@ -25,7 +25,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstra
 from caesura_clients.dashboard.correction_requests import EditRefused, said
 from caesura_clients.dashboard.upload_folder import UploadFolder, remove_abandoned
 from caesura_protocol.errors import printable
-from caesura_protocol.formats.foreign_csv import SIGNAL_OF_COLUMN
+from caesura_protocol.formats.csv_read_mapped import SIGNAL_OF_COLUMN
 from caesura_protocol.messages import ForceFrame, HandOnRobot, Name, WrenchSource
 from caesura_protocol.up_direction import parse_up, up_text
 from caesura_protocol.validation_words import first_finding

@@ -22,7 +22,6 @@ from caesura_clients.dashboard.access import LOOPBACK, AccessMiddleware
 from caesura_clients.dashboard.compression import FileCompression
 from caesura_clients.dashboard.dataset_download import MOST_SESSIONS, zipped_dataset
 from caesura_clients.dashboard.log_throttle import bound_logs
-from caesura_clients.dashboard.nicegui_elements import PACKAGE, WEB
 from caesura_clients.dashboard.pages import error_pages, overview, recording_upload, session_list_and_system
 from caesura_clients.dashboard.pages.compare import ComparePage
 from caesura_clients.dashboard.pages.layout import ASSETS, Site
@@ -30,6 +29,7 @@ from caesura_clients.dashboard.pages.session import SessionPage
 from caesura_clients.dashboard.proxies import Proxies
 from caesura_clients.dashboard.signal_ring import as_bytes
 from caesura_clients.dashboard.silent_connections import BoundedProtocol
+from caesura_clients.dashboard.web_components import PACKAGE, WEB
 from caesura_clients.refusal_words import refusal_words
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
 from caesura_protocol.keys import check_name, parse_samples_parameters

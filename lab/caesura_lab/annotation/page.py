@@ -15,8 +15,8 @@ from nicegui.element import Element
 from nicegui.elements.mixins.text_element import TextElement
 from nicegui.events import GenericEventArguments
 
-from caesura_clients.dashboard.nicegui_elements import WEB
 from caesura_clients.dashboard.server import Address, run
+from caesura_clients.dashboard.web_components import WEB
 from caesura_lab.annotation.edits import AnnotationEditor, EditError, Entry, milliseconds, segment_at
 from caesura_lab.annotation.signals import PlottedSignals
 from caesura_lab.annotation.storage import save_annotation

@@ -251,15 +251,15 @@ def evaluate(
 
 def _thesis_page(_data: Path, seeds: range, workers: int) -> ResultPage:
     from caesura_lab.evaluation.thesis import suite as thesis  # noqa: PLC0415
+    from caesura_lab.evaluation.thesis import suite_tables  # noqa: PLC0415
     from caesura_lab.evaluation.thesis import summary as thesis_summary  # noqa: PLC0415
-    from caesura_lab.evaluation.thesis import tables as thesis_tables  # noqa: PLC0415
 
     tasks = thesis.tasks(seeds)
     result = thesis_summary.summarise(_with_progress(each(thesis.run_task, tasks, workers=workers), tasks))
-    title = thesis_tables.title(seeds)
+    title = suite_tables.title(seeds)
     return ResultPage(
-        text=lambda: thesis_tables.as_text(result, title),
-        markdown=lambda: thesis_tables.as_markdown(result, title),
+        text=lambda: suite_tables.as_text(result, title),
+        markdown=lambda: suite_tables.as_markdown(result, title),
         plain=lambda: {"title": title, "settings": thesis_summary.as_json(result)},
     )
 

@@ -285,6 +285,6 @@ def _warnings(recording: Recording, view: PipelineView, clock: SessionClock) -> 
         when = f"between {clock.shown(gap.t0)} s and"
         if gap.t0 == gap.tn:  # at an end of the recording
             when = "before" if gap.t0 <= recording.t[0] else "after"
-        yield f"nothing is known {when} {clock.shown(gap.tn)} s"
+        yield f"no samples {when} {clock.shown(gap.tn)} s"
     if len(view.gaps) > SHOWN_GAPS:
         yield f"and {counted(len(view.gaps) - SHOWN_GAPS, 'more gap')}; is t in seconds?"

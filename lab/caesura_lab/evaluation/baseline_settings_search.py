@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_lab.evaluation import bocpd, chosen_settings, third_party_baselines
+from caesura_lab.evaluation import bocpd_baseline, chosen_settings, third_party_baselines
 from caesura_lab.evaluation.baselines import boundaries_s
 from caesura_lab.evaluation.chosen_settings import GaussianSettings, KernelSettings, StudentSettings
 from caesura_lab.evaluation.conditioned_signals import Signals, grid_signals
@@ -77,7 +77,7 @@ class ChosenSettings:
 SEARCHES = (
     SettingsSearch(
         "GAUSSIAN",
-        bocpd.gaussian_log,
+        bocpd_baseline.gaussian_log,
         GaussianSettings(),
         {
             "speed_spread": SPREADS,
@@ -93,7 +93,7 @@ SEARCHES = (
     ),
     SettingsSearch(
         "STUDENT",
-        bocpd.student_speed,
+        bocpd_baseline.student_speed,
         StudentSettings(),
         {
             "spread": SPREADS,

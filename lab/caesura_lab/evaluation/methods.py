@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from caesura_lab.evaluation.baselines import Baseline, every_second, one_segment, thresholds, zero_velocity
-from caesura_lab.evaluation.bocpd import gaussian_log, student_speed
+from caesura_lab.evaluation.bocpd_baseline import gaussian_log, student_speed
 from caesura_lab.evaluation.metrics import TimedEstimate
 from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation
 from caesura_protocol.messages import Segment

@@ -4,7 +4,7 @@ It holds when the apps are the same in the same order, every target lies within 
 has a force within 15 % of the one that the program asks for, as measured and segmented, and every path that
 was run lies within 5 mm and 2° of the demonstrated one. Paths are compared app by app, as both were measured,
 from every place of the demonstration to the nearest of the run, and back. One movement that the two programs
-divide otherwise is the same if the motion is (`divided_movements`).
+divide otherwise is the same if the motion is (`division_differences`).
 
 Beside the measured forces it states the forces on the simulated surfaces: those of the run against those of
 the program, and those of the program against those of the demonstration. Where only a measured one is off,
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from caesura_lab.evaluation.divided_movements import (
+from caesura_lab.evaluation.division_differences import (
     AROUND_S,
     BothMotions,
     Difference,

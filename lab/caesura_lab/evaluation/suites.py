@@ -15,10 +15,10 @@ from zlib import crc32
 
 import numpy as np
 
+from caesura_lab.evaluation.annotated_declarations import with_annotated_declarations
 from caesura_lab.evaluation.cut_recordings import WINDOWS, in_window
 from caesura_lab.evaluation.rescaled_recordings import TEMPI, in_tempo
 from caesura_lab.evaluation.sensor_conditions import CONDITIONS
-from caesura_lab.evaluation.session_declarations import with_declarations
 from caesura_lab.evaluation.shifted_starts import STARTS, begun
 from caesura_lab.ground_truth import (
     SUFFIX,
@@ -127,7 +127,7 @@ class FileCase:
             truth = truth.within(first, last)
             cut = f"the annotation's {window}, and {lasts}: only what both have is judged"
             recording = replace(recording, cautions=(*recording.cautions, cut))
-        return with_declarations(recording, truth), replace(truth, name=self.name)
+        return with_annotated_declarations(recording, truth), replace(truth, name=self.name)
 
     def _asked_source(self, truth: Truth) -> str | None:
         """Return the wrench source to read a bag with: that of the truth; None for other files.

@@ -82,7 +82,7 @@ def _pooled(section: SlackSection, layout: str) -> Iterator[Grid]:
     if compared:
         rows = tuple((one.method, *_cells(one.behind, MARGINS, layout)) for one in compared)
         headings = ("over", *(c.heading for c in MARGINS))
-        title = f"by how much {section.methods[0].method} is ahead, recording by recording; {slack}"
+        title = f"margins of {section.methods[0].method} over the others, paired by recording; {slack}"
         yield Grid(title, headings, rows)
 
 
@@ -153,7 +153,7 @@ def _errors(judged: MethodReport) -> Iterator[Grid]:
             for m in found.missed[:TYPICAL]
         )
         headings = ("missed", "true classes", "times", "one near", "by [s]")
-        yield Grid(f"{judged.method}: what it misses", headings, rows)
+        yield Grid(f"{judged.method}: missed changepoints", headings, rows)
     if found.invented:
         alarms = tuple((i.within, i.between, str(i.times)) for i in found.invented[:TYPICAL])
         yield Grid(f"{judged.method}: false alarms", ("within true", "found classes", "times"), alarms)
@@ -170,7 +170,7 @@ def _timings(judged: MethodReport) -> Grid:
         for one in judged.faults.timings
     )
     headings = ("found", "times", "later by [s]", "80 % of them")
-    return Grid(f"{judged.method}: how late in time it puts what it finds", headings, rows)
+    return Grid(f"{judged.method}: delay of found changepoints after the true ones", headings, rows)
 
 
 def _groups(judged: MethodReport) -> Grid:
@@ -217,7 +217,11 @@ def _confusion(judged: MethodReport) -> Grid:
         if total:
             shares = [f"{seconds[true, found] / total:.0%}" for found in columns]
             rows.append((true, f"{total:.0f}", *(share if share != "0%" else "·" for share in shares)))
-    return Grid(f"{judged.method}: true class, and what it was called", ("true", "s", *columns), tuple(rows))
+    return Grid(
+        f"{judged.method}: share of the time of each true class, by found class",
+        ("true", "s", *columns),
+        tuple(rows),
+    )
 
 
 def _notes(report: Report) -> list[str]:

@@ -40,22 +40,24 @@ class SafetyMonitor:
         self._check_norm("turn", twist[3:], self._safety.turn_rad_per_s, "rad/s")
         self._check_norm("force", measured.force.tolist(), self._safety.felt_force_n, "N")
         place, q = measured.position.tolist(), measured.q.tolist()
-        self._check_interval("position", _ahead(place, twist[:3]), self._low, self._high, "m")
-        self._check_interval("joint", _ahead(q, v), self._lower, self._upper, "rad")
+        self._check_interval("position", _ahead(place, twist[:3]), self._low, self._high, "m after braking")
+        self._check_interval("joint", _ahead(q, v), self._lower, self._upper, "rad after braking")
         self._check_interval("joint speed", v, self._slowest, self._fastest, "rad/s")
 
     def _check_norm(self, what: str, vector: Sequence[float], limit: float, unit: str) -> None:
         value = math.hypot(*vector)
         if value > STOP_SHARE * limit:
-            raise RobotStopped(f"{what} {value:.3g} {unit} reaches the limit of {limit:g} {unit}")
+            raise RobotStopped(
+                f"{what} {value:.3g} {unit} is above {STOP_SHARE:.0%} of the limit of {limit:g} {unit}"
+            )
 
     def _check_interval(
         self, what: str, values: Sequence[float], low: Sequence[float], high: Sequence[float], unit: str
     ) -> None:
         for i, (value, least, most) in enumerate(zip(values, low, high, strict=True)):
             if not least <= value <= most:
-                span = f"{least:.3f} to {most:.3f} {unit}"
-                raise RobotStopped(f"{what} {i + 1}: {value:.3f} {unit} reaches its limits, {span}")
+                expected = f"expected {least:.3f} to {most:.3f}"
+                raise RobotStopped(f"{what} {i + 1}: {value:.3f} {unit}, {expected}")
 
 
 def _ahead(values: Sequence[float], rates: Sequence[float]) -> list[float]:

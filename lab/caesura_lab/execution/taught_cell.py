@@ -128,7 +128,9 @@ def _contacts(apps: Sequence[App]) -> Iterator[_Contact]:
 def _check(index: int, app: App) -> None:
     """Raise CaesuraError for an app that needs more than a level surface."""
     if app.screw is not None and APP_KINDS[app.kind].presses:
-        raise CaesuraError(f"{app_name(index, app.kind)} turns in contact, which only a cell has: {NEED}")
+        raise CaesuraError(
+            f"{app_name(index, app.kind)} turns in contact; a level surface does not resist a turn: {NEED}"
+        )
     force = without_friction(app).force
     if force is None:
         return

@@ -1,8 +1,8 @@
-"""Figures of a demonstration, by which real hand-guided recordings are described.
+"""Statistics of a demonstration, by which real hand-guided recordings are described.
 
     python -m caesura_lab.teacher.annotated_recording_statistics data/*.npz
 
-measures recordings that have their annotation (`.ann.json`) beside them, real ones too. A figure that does
+measures recordings that have their annotation (`.ann.json`) beside them, real ones too. A statistic that does
 not apply to a recording (a contact in a motion without one) is missing.
 """
 
@@ -33,7 +33,7 @@ RELEASE_S = 0.8  # looked at before the end of a contact
 RISE_TO_N = 8.0
 
 # Unit, and the range in real recordings (the statistics of several robots that this simulation was built to).
-FIGURES: dict[str, tuple[str, str]] = {
+STATISTICS: dict[str, tuple[str, str]] = {
     "position_noise": ("µm", "2 to 15"),
     "force_noise_rest": ("N", "0.02 to 0.2"),
     "force_noise_motion": ("N", "0.1 to 1"),
@@ -50,20 +50,20 @@ FIGURES: dict[str, tuple[str, str]] = {
 
 
 def measure(recording: Recording, truth: dict[str, Any]) -> dict[str, list[float]]:
-    """Every figure of `FIGURES` that the recording has, each occurrence one value."""
+    """Every statistic of `STATISTICS` that the recording has, each occurrence one value."""
     t, pos = _gridded(recording.t, recording.signals["pos"])
     rests = [s for s in truth["segments"] if s["cls"] in ("steady", "hold")]
     moves = [s for s in truth["segments"] if s["cls"] in ("motion", "transport", "sliding")]
     speed = np.linalg.norm(savgol_filter(pos, 11, 2, deriv=1, delta=1 / GRID_HZ, axis=0), axis=1)
-    figures = {
+    statistics = {
         "position_noise": [1e6 * _noise(pos[_inside(t, s)]) for s in rests],
         "peak_speed": [float(speed[_inside(t, s, 0.0)].max()) for s in moves],
         "move": _lengths(moves),
         "pause": _lengths(rests),
     }
     if "force" in recording.signals:
-        figures |= _forces(recording, truth, rests, moves)
-    return {name: [v for v in values if np.isfinite(v)] for name, values in figures.items()}
+        statistics |= _forces(recording, truth, rests, moves)
+    return {name: [v for v in values if np.isfinite(v)] for name, values in statistics.items()}
 
 
 def _forces(
@@ -71,19 +71,19 @@ def _forces(
 ) -> dict[str, list[float]]:
     t, force = recording.t, recording.signals["force"]
     free = [s for s in moves + rests if s["cls"] in ("motion", "steady")]
-    figures = {
+    statistics = {
         "force_noise_rest": [_fast(t, force, s) for s in rests],
         "force_noise_motion": [_fast(t, force, s) for s in moves if s["cls"] != "sliding"],
     }
     if truth.get("hand_force_in_wrench"):
-        return figures | dict(zip(("half_power", "power_90"), _power(t, force), strict=True))
+        return statistics | dict(zip(("half_power", "power_90"), _power(t, force), strict=True))
     levels = np.array([np.median(force[_inside(t, s)], axis=0) for s in free if _inside(t, s).any()])
-    figures["wander"] = [float(np.linalg.norm(np.ptp(levels, axis=0)))]
+    statistics["wander"] = [float(np.linalg.norm(np.ptp(levels, axis=0)))]
     for contact in truth.get("forces", []):
-        figures.setdefault("impact", []).append(_impact(t, force, contact))
-        figures.setdefault("rise_to_8N", []).append(_rise(t, force, contact))
-        figures.setdefault("release", []).append(_release(t, force, contact))
-    return figures
+        statistics.setdefault("impact", []).append(_impact(t, force, contact))
+        statistics.setdefault("rise_to_8N", []).append(_rise(t, force, contact))
+        statistics.setdefault("release", []).append(_release(t, force, contact))
+    return statistics
 
 
 def _impact(t: Array, force: Array, contact: dict[str, float]) -> float:
@@ -146,21 +146,21 @@ def _gridded(t: Array, values: Array) -> tuple[Array, Array]:
     return grid, values[np.searchsorted(t, grid)]
 
 
-def _rows(figures: dict[str, list[float]]) -> Iterable[tuple[str, ...]]:
-    for name, (unit, real) in FIGURES.items():
-        if values := figures.get(name):
+def _rows(statistics: dict[str, list[float]]) -> Iterable[tuple[str, ...]]:
+    for name, (unit, real) in STATISTICS.items():
+        if values := statistics.get(name):
             low, middle, high = np.quantile(values, [0.0, 0.5, 1.0])
             yield f"{name} [{unit}]", f"{low:.3g} to {high:.3g}, median {middle:.3g}", real
 
 
 def main(files: list[str]) -> None:
-    """Print the figures of all files together beside those of real recordings."""
+    """Print the statistics of all files together beside those of real recordings."""
     together: dict[str, list[float]] = {}
     for file in map(Path, files):
         truth = json.loads(file.with_suffix(".ann.json").read_text(encoding="utf-8"))
         for name, values in measure(load_recording(file), truth).items():
             together.setdefault(name, []).extend(values)
-    table = Table("figure", "measured", "real recordings")
+    table = Table("statistic", "measured", "real recordings")
     for row in _rows(together):
         table.add_row(*map(Text, row))
     Console().print(table)

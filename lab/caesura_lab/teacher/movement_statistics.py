@@ -1,4 +1,4 @@
-"""Figures of guided movements that need no annotation.
+"""Statistics of guided movements that need no annotation.
 
     python -m caesura_lab.teacher.movement_statistics DIR --people 201 203
 
@@ -40,7 +40,7 @@ RIPPLE_HZ = 1.0  # speed changes slower than this are intended
 STEP_TICKS, MEMORY_S = 10, 0.5  # of steps of 0.1 s, whose speed lasts for half a second
 SLOW_M_PER_S, FAST_M_PER_S = (0.010, 0.025), (0.200, 0.400)  # at which innovations are read
 
-FIGURES: Mapping[str, str] = MappingProxyType(
+STATISTICS: Mapping[str, str] = MappingProxyType(
     {
         "duration": "s",
         "length": "m",
@@ -85,8 +85,8 @@ def movement_spans(speed: Array) -> list[tuple[int, int]]:
     ]
 
 
-def describe(t: Array, position: Array, force: Array) -> dict[str, list[float]]:
-    """Measure every figure of `FIGURES`: one value per movement.
+def measure(t: Array, position: Array, force: Array) -> dict[str, list[float]]:
+    """Measure every statistic of `STATISTICS`: one value per movement.
 
     Creep and rests have one value per recording, innovations one per step of 0.1 s. t: (m,) [s], rising;
     position: (m, 3) [m]; force: (m, 3) [N].
@@ -95,14 +95,14 @@ def describe(t: Array, position: Array, force: Array) -> dict[str, list[float]]:
     force_on_grid = np.column_stack([np.interp(grid, t, axis) for axis in force.T])
     speed = np.linalg.norm(velocity, axis=1)
     spans = movement_spans(speed)
-    figures: dict[str, list[float]] = {name: [] for name in FIGURES}
+    statistics: dict[str, list[float]] = {name: [] for name in STATISTICS}
     for first, last in spans:
         for name, value in _movement(velocity[first:last]).items():
-            figures[name].append(value)
+            statistics[name].append(value)
     for name, side in (("start_edge", -1), ("stop_edge", 1)):
-        figures[name] = [edge for span in spans if (edge := _edge(speed, span, side)) is not None]
-    figures |= _creep(speed, spans) | _forces(force_on_grid, spans) | _innovations(velocity)
-    return {name: [v for v in values if np.isfinite(v)] for name, values in figures.items()}
+        statistics[name] = [edge for span in spans if (edge := _edge(speed, span, side)) is not None]
+    statistics |= _creep(speed, spans) | _forces(force_on_grid, spans) | _innovations(velocity)
+    return {name: [v for v in values if np.isfinite(v)] for name, values in statistics.items()}
 
 
 def _forces(force: Array, spans: list[tuple[int, int]]) -> dict[str, list[float]]:
@@ -225,8 +225,8 @@ def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
-def real_figures(directory: Path) -> dict[str, dict[str, list[float]]]:
-    """Measure the recordings of a directory; set → figure → values. A file's first word names its set."""
+def real_statistics(directory: Path) -> dict[str, dict[str, list[float]]]:
+    """Measure the recordings of a directory; set → statistic → values. A file's first word names its set."""
     found: dict[str, dict[str, list[float]]] = {}
     for file in sorted(directory.glob("*.npz")):
         recording = load_recording(file)
@@ -234,8 +234,8 @@ def real_figures(directory: Path) -> dict[str, dict[str, list[float]]]:
     return found
 
 
-def simulated_figures(seeds: Sequence[int], *, natural: bool) -> dict[str, list[float]]:
-    """Measure every scenario by people, the hand in the wrench; figure → values."""
+def simulated_statistics(seeds: Sequence[int], *, natural: bool) -> dict[str, list[float]]:
+    """Measure every scenario by people, the hand in the wrench; statistic → values."""
     # Pinocchio takes a second to load: only for who teaches.
     from caesura_lab.teacher.simulated_teaching import teach  # noqa: PLC0415
 
@@ -250,28 +250,28 @@ def simulated_figures(seeds: Sequence[int], *, natural: bool) -> dict[str, list[
 def _collect(found: dict[str, list[float]], recording: Recording) -> None:
     t, first = np.unique(recording.t, return_index=True)
     signals = recording.signals
-    for name, values in describe(t, signals["pos"][first], signals["force"][first]).items():
+    for name, values in measure(t, signals["pos"][first], signals["force"][first]).items():
         found.setdefault(name, []).extend(values)
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Print the figures of real recordings and simulated people as a Markdown table."""
-    parser = ArgumentParser(description="Figures of guided movements: median (10 % to 90 %).")
+    """Print the statistics of real recordings and simulated people as a Markdown table."""
+    parser = ArgumentParser(description="Statistics of guided movements: median (10 % to 90 %).")
     parser.add_argument("directory", type=Path, help="Directory of real recordings (.npz).")
     parser.add_argument("--people", type=int, nargs=2, default=(201, 203), help="First and last seed.")
     options = parser.parse_args(arguments)
     seeds = range(options.people[0], options.people[1] + 1)
-    columns = real_figures(options.directory)
-    columns["ideal"] = simulated_figures(seeds, natural=False)
-    columns["habits"] = simulated_figures(seeds, natural=True)
+    columns = real_statistics(options.directory)
+    columns["ideal"] = simulated_statistics(seeds, natural=False)
+    columns["habits"] = simulated_statistics(seeds, natural=True)
     sys.stdout.write("\n".join(_lines(columns)) + "\n")
 
 
 def _lines(columns: Mapping[str, Mapping[str, list[float]]]) -> Iterator[str]:
-    yield "| " + " | ".join(["figure", *columns]) + " |"
+    yield "| " + " | ".join(["statistic", *columns]) + " |"
     yield "|---" * (1 + len(columns)) + "|"
-    for name, unit in FIGURES.items():
-        cells = [_cell(figures[name]) for figures in columns.values()]
+    for name, unit in STATISTICS.items():
+        cells = [_cell(statistics[name]) for statistics in columns.values()]
         yield "| " + " | ".join([f"{name} [{unit}]" if unit else name, *cells]) + " |"
 
 

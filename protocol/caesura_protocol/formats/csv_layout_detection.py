@@ -24,7 +24,7 @@ from caesura_protocol.formats.csv_lines import (
     rows_of,
     stated_in_comments,
 )
-from caesura_protocol.formats.foreign_csv import MOST_RAD, SIGNAL_OF_COLUMN, TURNS, UNITS
+from caesura_protocol.formats.csv_read_mapped import MOST_RAD, SIGNAL_OF_COLUMN, TURNS, UNITS
 from caesura_protocol.formats.mapping_file_write import MappingAnswers
 from caesura_protocol.formats.raw_recording import Array
 from caesura_protocol.formats.sample_checks import is_quaternion

@@ -9,7 +9,7 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
-from caesura_protocol.formats.foreign_csv import SIGNAL_OF_COLUMN, UNITS
+from caesura_protocol.formats.csv_read_mapped import SIGNAL_OF_COLUMN, UNITS
 
 NO_ANSWER = ("", "unknown", None)
 

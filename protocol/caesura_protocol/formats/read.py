@@ -16,7 +16,7 @@ import numpy as np
 
 from caesura_protocol.description_texts import DESCRIBED, parse_description
 from caesura_protocol.formats.csv_read import read_csv
-from caesura_protocol.formats.foreign_csv import read_foreign_csv
+from caesura_protocol.formats.csv_read_mapped import read_mapped_csv
 from caesura_protocol.formats.mapping_file_read import load_mapping
 from caesura_protocol.formats.npz_read import read_npz
 from caesura_protocol.formats.raw_recording import Array, RawRecording, WrenchStatement
@@ -417,7 +417,7 @@ def _read_npz(path: Path, mapping: Path | None, stated: WrenchStatement) -> RawR
 
 
 def _read_csv(path: Path, mapping: Path | None, stated: WrenchStatement) -> RawRecording:
-    return read_csv(path) if mapping is None else read_foreign_csv(path, load_mapping(mapping))
+    return read_csv(path) if mapping is None else read_mapped_csv(path, load_mapping(mapping))
 
 
 def _read_mcap(path: Path, mapping: Path | None, stated: WrenchStatement) -> RawRecording:

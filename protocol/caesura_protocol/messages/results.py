@@ -58,7 +58,7 @@ class Segment(Message):
     contact: Contact
     probability: Probability  # of this kind, given the boundaries
     runner_up: Kind | None  # the second most probable kind
-    log_odds: float  # of the kind over the runner-up; below 0 where the whole fits better with the kind
+    log_odds: float  # of the kind over the runner-up; below 0 if only the segments around it favour the kind
     certainty: Certainty  # final once its end is final
     position_start: Vector  # [m] base frame
     position_end: Vector  # [m]

@@ -34,7 +34,7 @@ from caesura_protocol.validation_words import Place, dotted, first_finding
 FORMAT: Literal["caesura.program"] = "caesura.program"
 VERSION: Literal[2] = 2
 
-LEFT_OUT = "with --retarget its joints are left out and its poses stay"
+REMEDY = "--retarget keeps its poses and leaves out its joints"
 
 UNITS: Mapping[str, str] = MappingProxyType(
     {
@@ -167,11 +167,11 @@ def on_robot(program: ProgramFile, robot: str | None, *, retarget: bool = False)
     name, taught_on = arm.name, program.robot or "a robot that was not stated"
     placed = {"robot": name, "safety": re_targeted(program.safety, program.robot, name)}
     if program.robot == name or (program.robot is None and not retarget):
-        if wrong := other_joints(program, name, len(arm.joints)):
+        if wrong := joint_count_mismatch(program, name, len(arm.joints)):
             raise CaesuraError(wrong)
         return program.model_copy(update=placed)
     if not retarget:
-        raise CaesuraError(f"the program was taught on {program.robot}, not on {name}: {LEFT_OUT}")
+        raise CaesuraError(f"the program was taught on {program.robot}, not on {name}: {REMEDY}")
     steps = tuple(app.model_copy(update={"joints": None}) for app in program.apps)
     note = (
         f"Taught on {taught_on}, re-targeted to {name}: its poses stay, its joints are left out. "
@@ -180,12 +180,12 @@ def on_robot(program: ProgramFile, robot: str | None, *, retarget: bool = False)
     return program.model_copy(update={**placed, "apps": steps, "notes": (*program.notes, note)})
 
 
-def other_joints(program: ProgramFile, arm: str, count: int) -> str | None:
+def joint_count_mismatch(program: ProgramFile, arm: str, count: int) -> str | None:
     """Return why a program is not for an arm with so many joints, by its first such app; None: it may be."""
     for index, app in enumerate(program.apps):
         if app.joints is not None and len(app.joints) != count:
             taught = f"{app_name(index, app.kind)} was taught with {len(app.joints)} joints"
-            return f"{taught}, and {arm} has {count}: {LEFT_OUT}"
+            return f"{taught}, and {arm} has {count}: {REMEDY}"
     return None
 
 

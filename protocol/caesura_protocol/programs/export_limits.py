@@ -9,7 +9,7 @@ from typing import Any
 from caesura_protocol.app_force_limit import LEAST_FORCE_N, exerted_forces, is_press
 from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.messages import App
-from caesura_protocol.programs.checks.preconditions import order_findings
+from caesura_protocol.programs.checks.preconditions import precondition_findings
 from caesura_protocol.programs.checks.value_ranges import impossible_numbers
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import Safety
@@ -100,7 +100,7 @@ def refuse_beyond_limits(program: ProgramFile) -> None:
             raise ValueError(f"{name}: force {force:.1f} N, at most {most:.1f} N are allowed")
         if app.load_kg is not None and not 0.0 <= app.load_kg <= safety.load_kg:
             raise ValueError(f"{name}: load {app.load_kg} kg, at most {safety.load_kg} kg are allowed")
-    for one in order_findings(program.apps):
+    for one in precondition_findings(program.apps):
         if one.index is None:
             continue
         kind = program.apps[one.index].kind

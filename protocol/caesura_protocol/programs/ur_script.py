@@ -18,7 +18,7 @@ import numpy as np
 from caesura_protocol.app_kinds import APP_KINDS, step_title
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.contact_forces import force_in_tool
-from caesura_protocol.programs.document import ProgramFile, other_joints
+from caesura_protocol.programs.document import ProgramFile, joint_count_mismatch
 from caesura_protocol.programs.export_limits import (
     acting_limits,
     hardest_n,
@@ -62,7 +62,7 @@ def ur_script(program: ProgramFile) -> str:
     title = "an arm of Universal Robots" if robot is None else robot.title
     acceleration = within_robot(ACCELERATION_M_PER_S2, robot)
     refuse_beyond_limits(program)
-    if wrong := other_joints(program, title, JOINTS):
+    if wrong := joint_count_mismatch(program, title, JOINTS):
         raise ValueError(wrong)
     program = with_held_loads(program)
     writer = _Writer(program)

@@ -1,4 +1,4 @@
-"""The way of a robot to where a path begins, where the app before it ends elsewhere.
+"""The straight way of a robot to the start of a path, if the app before it ends elsewhere.
 
 No app leads there: the hand's way is in no app, or an edit has changed the apps. The robot goes straight to
 the start of the path first, at the mean speed of the path. In contact a turn alone is no way: it would drive
@@ -31,7 +31,9 @@ class WayToPath(NamedTuple):
 
 
 def ways_to_paths(apps: Sequence[App]) -> Iterator[WayToPath | None]:
-    """Yield the way to the start of each app's path; None without a path, before any movement, or if near.
+    """Yield for each app the way to the start of its path.
+
+    None for an app without a path, before any movement, and for a start within ASTRAY_M.
 
     The fingers of a robot move where the app before ends, whatever their place was when they were taught.
     """

@@ -59,7 +59,8 @@ class GripperDescription(BaseModel):
     def _complete(self) -> Self:
         needed = (*NEEDED.get(self.kind, ()), *NEEDED.get(self.interface or "", ()))
         if missing := [name for name in needed if getattr(self, name) is None]:
-            raise ValueError(f"{self.kind} by {self.interface} need {', '.join(missing)}")
+            by = f" with interface {self.interface}" if self.interface else ""
+            raise ValueError(f"a gripper of kind {self.kind}{by} needs {', '.join(missing)}")
         if self.counts is not None and self.counts[0] == self.counts[1]:
             raise ValueError(f"counts are {self.counts}, expected two that differ")
         for name, least, most in (

@@ -32,7 +32,7 @@ def unanswered(timeout_s: float) -> IncompleteAnswerError:
     """Return the refusal of a query that a queryable received and did not answer in time."""
     return IncompleteAnswerError(
         "overloaded",
-        f"no answer in {timeout_s:g} s: who was asked is busy, hangs or is cut off; ask again",
+        f"no answer in {timeout_s:g} s: the queried service or bridge is busy or cut off; query again",
         limit=timeout_s,
     )
 
@@ -45,7 +45,7 @@ def nothing_found(instance: str, replies: int = 0) -> ProtocolError:
 
     A reader compares this number with the received replies, some of which a congested network may lose.
     """
-    more = f"more than {replies} replies" if replies else "of what was asked for"
+    more = f"more than {replies} replies" if replies else "that matches the query"
     return ProtocolError(NOTHING, f"{instance} has nothing {more}", value=instance, limit=replies)
 
 

@@ -89,9 +89,9 @@ class CompiledRunLengthFilter(SmoothedProbabilities):
         if settled:
             self._settle()
         if certain >= 0:
-            self.condition(certain)
+            self.condition_on_start(certain)
 
-    def condition(self, start: int) -> None:
+    def condition_on_start(self, start: int) -> None:
         """Condition on a segment that starts at observation `start`; the segments before it become final.
 
         Raises ValueError for a start that is final already, or out of the window.
@@ -99,7 +99,7 @@ class CompiledRunLengthFilter(SmoothedProbabilities):
         check_start(start, self.root, self.count, self.parameters)
         self._smoothing.decide(start)
         self._make_room()
-        steps.condition(self._here, start)
+        steps.condition_on_start(self._here, start)
         self._settle()
         self._room = 0
 
@@ -197,4 +197,4 @@ def compile_now() -> None:
         small.step(ModelInput(np.zeros(3), np.zeros(3)))
     small.outline()
     small.map_path()
-    small.condition(2)
+    small.condition_on_start(2)

@@ -63,7 +63,7 @@ class ChangepointFilter(Protocol):
     def step(self, observed: ModelInput, boundary: bool = False, *, changepoint: bool | None = None) -> None:
         """Process one observation; a gap or a known start may be stated with it. Raises ValueError."""
 
-    def condition(self, start: int) -> None:
+    def condition_on_start(self, start: int) -> None:
         """Condition on a segment that starts at observation `start`. Raises ValueError."""
 
     def map_path(self) -> list[PathSegment]:

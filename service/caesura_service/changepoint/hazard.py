@@ -80,11 +80,14 @@ class Refractory:
 
     def __post_init__(self) -> None:
         single = self.share if self.single is None else self.single
-        if not (self.mean_samples > 1.0 and self.early >= 0 and 0.0 < single <= self.share <= 1.0):
-            raise ValueError(
-                f"mean is {self.mean_samples}, early {self.early} samples, share {self.share}, "
-                f"single {single}, expected above 1, at least 0, within 0 to 1, and above 0 and at most share"
-            )
+        if not self.mean_samples > 1.0:
+            raise ValueError(f"mean_samples is {self.mean_samples}, expected above 1")
+        if not self.early >= 0:
+            raise ValueError(f"early is {self.early} samples, expected at least 0")
+        if not 0.0 < self.share <= 1.0:
+            raise ValueError(f"share is {self.share}, expected above 0 and at most 1")
+        if not 0.0 < single <= self.share:
+            raise ValueError(f"single is {single}, expected above 0 and at most share, which is {self.share}")
 
     @property
     def residual(self) -> Geometric:

@@ -93,14 +93,15 @@ def whiten(now: Array, before: Array, correlation: float) -> Array:
 class ProfileLibrary:
     """Some profiles, sampled every step_s [s] and whitened for residuals with the given correlation.
 
-    calm: scale of residuals where a profile rests, relative to where it is fastest; between, their variance
-    grows with the square of its speed (signal-dependent noise, Harris & Wolpert 1998). 1: constant.
+    rest_scale_ratio: scale of residuals where a profile rests, relative to where it is fastest; between,
+    their variance grows with the square of its speed (signal-dependent noise, Harris & Wolpert 1998).
+    1: constant.
     """
 
     profiles: Sequence[Profile]
     step_s: float
     correlation: float = 0.0
-    calm: float = 1.0
+    rest_scale_ratio: float = 1.0
     _values: Array = field(init=False, repr=False, compare=False)
     _precisions: Array = field(init=False, repr=False, compare=False)
     _squares: Array = field(init=False, repr=False, compare=False)
@@ -108,8 +109,8 @@ class ProfileLibrary:
     _at_rest: bool = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.calm <= 1.0:
-            raise ValueError(f"calm is {self.calm}, expected 0 < calm ≤ 1")
+        if not 0.0 < self.rest_scale_ratio <= 1.0:
+            raise ValueError(f"rest_scale_ratio is {self.rest_scale_ratio}, expected above 0 and at most 1")
         self._tabulate(FIRST_ROWS)
 
     def __len__(self) -> int:
@@ -133,7 +134,10 @@ class ProfileLibrary:
         A variance is 1 where a profile is fastest, and at the start, which has no step.
         """
         steps[0] = 0.0
-        variances: Array = self.calm**2 + (1.0 - self.calm**2) * (steps / steps[:FIRST_ROWS].max(axis=0)) ** 2
+        variances: Array = (
+            self.rest_scale_ratio**2
+            + (1.0 - self.rest_scale_ratio**2) * (steps / steps[:FIRST_ROWS].max(axis=0)) ** 2
+        )
         variances[0] = 1.0
         return variances
 

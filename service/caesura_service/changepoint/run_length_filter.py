@@ -112,9 +112,9 @@ class RunLengthFilter(SmoothedProbabilities):
         self._settle()
         self._smooth()
         if (start := self._certain()) is not None:
-            self.condition(start)
+            self.condition_on_start(start)
 
-    def condition(self, start: int) -> None:
+    def condition_on_start(self, start: int) -> None:
         """Condition on a segment that starts at observation `start`; the segments before it become final.
 
         Posterior, best segmentation and smoothed probabilities are from now on those over the segmentations

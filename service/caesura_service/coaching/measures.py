@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 
 from caesura_protocol.reproduced_path import TOLERANCE_RAD
 from caesura_service.coaching.bias_drift_tracker import DriftState, DriftTracker, Vector
+from caesura_service.coaching.interpolation_errors import POSES, interpolation_errors
 from caesura_service.coaching.observed_pose import ObservedPose
-from caesura_service.coaching.path_errors import POSES, path_errors
 from caesura_service.coaching.unchanged_force import UnchangedForce, advanced, begun
 from caesura_service.constants import FREE_M_PER_S, TARED_BIAS_N
 
@@ -174,7 +174,7 @@ class Meter:
         unchanged, frozen_s = advanced(state.unchanged, pose.measured_n, pose.t, pose.position)
         poses = (*state.poses[1 - POSES :], pose)
         setup = self._setup
-        missed = path_errors(poses, setup.path_tolerance_m, setup.path_tolerance_rad)
+        missed = interpolation_errors(poses, setup.path_tolerance_m, setup.path_tolerance_rad)
         shaken = (*state.shaken[1 - SHAKES :], (missed.shaken_m, missed.shaken_rad))
         state = state._replace(poses=poses, shaken=shaken, unchanged=unchanged, arm=arm, arm_age=arm_age)
         shaken_m, shaken_rad = map(min, zip(*shaken, strict=True)) if len(shaken) == SHAKES else (0.0, 0.0)

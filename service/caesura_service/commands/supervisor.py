@@ -21,7 +21,7 @@ import typer
 
 from caesura_service.server import NetworkSettings
 from caesura_service.server.network_join import join
-from caesura_service.server.router_watch import RouterWatch, router_watch
+from caesura_service.server.router_probe import RouterProbe, router_probe
 
 logger = logging.getLogger(__name__)
 
@@ -221,7 +221,7 @@ def beating(is_alive: Callable[[], bool]) -> Iterator[None]:
 
 
 @contextmanager
-def _router(network: NetworkSettings, over: threading.Event) -> Iterator[tuple[str, RouterWatch | None]]:
+def _router(network: NetworkSettings, over: threading.Event) -> Iterator[tuple[str, RouterProbe | None]]:
     """Yield the endpoint of the configured router, or of the one that this process runs during the
     context, and the watch of the latter.
     """
@@ -230,7 +230,7 @@ def _router(network: NetworkSettings, over: threading.Event) -> Iterator[tuple[s
         return
     session, endpoint = join(network, over)
     try:
-        with router_watch(session, "router") as watch:
+        with router_probe(session, "router") as watch:
             yield endpoint, watch
     finally:
         session.close()

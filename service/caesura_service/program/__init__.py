@@ -8,10 +8,6 @@ from caesura_service.program.gaps import Gaps, observed_share
 from caesura_service.program.joined_movements import is_end_of_movement
 from caesura_service.program.joined_strokes import may_end_movement
 from caesura_service.program.left_out import BEGINS_MOVING, ENDS_MOVING, detours, left_out_note
-from caesura_service.program.missed_finger_motion import missed_finger_motion
-from caesura_service.program.missed_pulls import missed_pulls_note
-from caesura_service.program.missed_torques import missed_torques_note
-from caesura_service.program.missed_touches import missed_touches_note
 from caesura_service.program.paths import Paths
 from caesura_service.program.program_segment import (
     GRIP_SLACK_S,
@@ -24,6 +20,10 @@ from caesura_service.program.program_segment import (
 )
 from caesura_service.program.regrips import with_regrips
 from caesura_service.program.segment_interpretation import kept_steps
+from caesura_service.program.unreproduced_finger_motion import unreproduced_finger_motion
+from caesura_service.program.unreproduced_pulls import unreproduced_pulls_note
+from caesura_service.program.unreproduced_torques import unreproduced_torques_note
+from caesura_service.program.unreproduced_touches import unreproduced_touches_note
 
 __all__ = [
     "BEGINS_MOVING",
@@ -46,11 +46,11 @@ __all__ = [
     "left_out_note",
     "may_end_movement",
     "may_press_in",
-    "missed_finger_motion",
-    "missed_pulls_note",
-    "missed_torques_note",
-    "missed_touches_note",
     "observed_share",
     "task_program",
+    "unreproduced_finger_motion",
+    "unreproduced_pulls_note",
+    "unreproduced_torques_note",
+    "unreproduced_touches_note",
     "with_regrips",
 ]

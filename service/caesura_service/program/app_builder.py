@@ -45,7 +45,6 @@ from caesura_service.program.joined_strokes import (
     INSERTED_M,
     NOWHERE_M,
 )
-from caesura_service.program.missed_finger_motion import BEGUN
 from caesura_service.program.paths import Paths
 from caesura_service.program.program_segment import (
     GRIP_SLACK_S,
@@ -62,6 +61,7 @@ from caesura_service.program.program_segment import (
 )
 from caesura_service.program.segment_interpretation import kept_steps
 from caesura_service.program.stroke_forces import rest_force_n, stroke_aslant, stroke_force
+from caesura_service.program.unreproduced_finger_motion import BEGUN
 
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
 MOST_ACTING = 15  # observations in which fingers act: a Panda's close within six

@@ -16,7 +16,8 @@ from caesura_service.security.roles import Access, Identity
 
 Flow = Literal["ingress", "egress"]
 
-# Of the router: ingress is what comes from the one with the right, egress what goes to it.
+# Of the router: ingress is what comes from the one with the right, egress what goes to it. `answer`: declare
+# a queryable and reply; `asked`: receive queries by a wider expression; `hold`: declare a liveliness token.
 MESSAGES: Mapping[str, Mapping[Flow, tuple[str, ...]]] = {
     "put": {"ingress": ("put",)},
     "subscribe": {"ingress": ("declare_subscriber",), "egress": ("put",)},
@@ -36,7 +37,10 @@ Subject = Literal["cert_common_names", "usernames"]
 
 
 def access_control(names: Mapping[Identity, str], known_by: Subject) -> dict[str, Any]:
-    """Make Zenoh's `access_control`. names: the common name or user name of each identity."""
+    """Make Zenoh's `access_control`.
+
+    names: the common name or user name of each identity. known_by: which of the two they are.
+    """
     return {
         "enabled": True,
         "default_permission": "deny",

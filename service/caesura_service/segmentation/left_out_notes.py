@@ -11,9 +11,9 @@ from caesura_service.program import (
     ENDS_MOVING,
     detours,
     left_out_note,
-    missed_pulls_note,
-    missed_torques_note,
-    missed_touches_note,
+    unreproduced_pulls_note,
+    unreproduced_torques_note,
+    unreproduced_touches_note,
 )
 from caesura_service.segmentation.observation_store import ObservationStore
 
@@ -42,9 +42,9 @@ def left_out_notes(
     if has_forces:
         span = history.t(0), history.t_last
         missed = (
-            missed_torques_note(in_turns, history.torques, *span),
-            missed_pulls_note(in_turns, moment, up),
-            missed_touches_note(in_turns, moment, *span, GivingWay),
+            unreproduced_torques_note(in_turns, history.torques, *span),
+            unreproduced_pulls_note(in_turns, moment, up),
+            unreproduced_touches_note(in_turns, moment, *span, GivingWay),
         )
         yield from filter(None, missed)
     if _moves(history, len(history) - 1):

@@ -42,7 +42,7 @@ from caesura_service.program import (
     Moment,
     Paths,
     ProgramSegment,
-    missed_finger_motion,
+    unreproduced_finger_motion,
 )
 from caesura_service.segmentation.correction_targets import edit_context
 from caesura_service.segmentation.corrections import (
@@ -531,7 +531,7 @@ class SegmentationPipeline:
                 segments,
                 apps,
                 self._history,
-                missed_finger_motion(*self._history.openings(), self._grips, excursions),
+                unreproduced_finger_motion(*self._history.openings(), self._grips, excursions),
                 has_forces=self._in_use.contact_models,
                 up=self._program.up,
             )

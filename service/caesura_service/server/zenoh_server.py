@@ -52,7 +52,7 @@ from caesura_service.server.overload_monitor import OverloadMonitor
 from caesura_service.server.query_server import QueryServer, size_refusal
 from caesura_service.server.rate_limit_settings import RateLimits
 from caesura_service.server.router_link import RouterLink
-from caesura_service.server.router_watch import WHY_STUCK, RouterWatch, router_watch
+from caesura_service.server.router_probe import WHY_STUCK, RouterProbe, router_probe
 from caesura_service.server.sample_query_server import SampleServer
 from caesura_service.server.station_manager import StationManager
 from caesura_service.server.station_subscriptions import StationSubscriptions
@@ -94,7 +94,7 @@ class ZenohServer:
         # Once entered, the real one, with its port.
         self.endpoint = network.connect or network.listen or DEFAULT_ENDPOINT
         self._link = RouterLink(partial(lets_in, network))  # once it has joined
-        self._router: RouterWatch | None = None  # of the own router, once it has joined
+        self._router: RouterProbe | None = None  # of the own router, once it has joined
         self._registry = registry
         self._owner = owner
         self._settings = network
@@ -160,7 +160,7 @@ class ZenohServer:
             stack.callback(subscriptions.close)
             self._announce(stack, network)
             if self._settings.connect is None:
-                self._router = stack.enter_context(router_watch(network, self._owner.instance))
+                self._router = stack.enter_context(router_probe(network, self._owner.instance))
             self._stack = stack.pop_all()
         return self
 

@@ -21,10 +21,10 @@ class Backend(NamedTuple):
     resample: Callable[..., None]
     flange_rows: Callable[..., None]
     openings: Callable[..., float]
-    fit: Callable[..., float]
+    fit_polynomials: Callable[..., float]
     speeds_of: Callable[..., None]
     boundary_row: Callable[..., int]
-    finish: Callable[..., None]
+    subtract_bias_and_normalise: Callable[..., None]
 
 
 def _named_in(module: ModuleType) -> Backend:

@@ -329,7 +329,7 @@ class Conditioner:
         [m/s].
         """
         both = np.empty((2, rows.shape[1]))
-        speed = self._arithmetic.fit(rows, centre, self._filter.taps, self._columns.moving, both)
+        speed = self._arithmetic.fit_polynomials(rows, centre, self._filter.taps, self._columns.moving, both)
         return both[0], both[1], speed
 
     def _filtered(self, state: _State, anchor: float, first: int, recent: Array) -> list[FilteredRow]:

@@ -139,7 +139,7 @@ def openings(
     return float(recent.max() - recent.min())
 
 
-def fit(rows: Array, centre: int, taps: Array, moving: int, both: Array) -> float:
+def fit_polynomials(rows: Array, centre: int, taps: Array, moving: int, both: Array) -> float:
     """Compute value and slope, (2, columns), of the polynomials through rows (n, columns) at their centre.
 
     taps: (2, window) weights of the rows. Columns from `moving` on are copied from the centre row. Returns
@@ -185,7 +185,7 @@ def boundary_row(speeds: Array, first: int, last: int, creep: float, rest: float
     return first + at + int(abs(seen[at + 1] - rest) < abs(seen[at] - rest))
 
 
-def finish(x: float, y: float, z: float, oriented: bool, row: Array) -> None:
+def subtract_bias_and_normalise(x: float, y: float, z: float, oriented: bool, row: Array) -> None:
     """Subtract a bias from the force of a flange row (columns,), and scale its quaternion to unit length."""
     row[FORCE : FORCE + 3] -= (x, y, z)
     if oriented:

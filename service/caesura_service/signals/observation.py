@@ -77,7 +77,7 @@ def turned_to(before: Turned, orientation: Array) -> Turned:
 def tared_row(filtered: Array, columns: FlangeColumns, tare: Tare, arithmetic: Backend) -> Array:
     """Return a filtered flange row (c,) less its tare, read-only."""
     row = filtered.copy()
-    arithmetic.finish(*(tare.bias or UNBIASED), columns.orientation is not None, row)
+    arithmetic.subtract_bias_and_normalise(*(tare.bias or UNBIASED), columns.orientation is not None, row)
     row.setflags(write=False)
     return row
 

@@ -19,7 +19,7 @@ from caesura_lab.evaluation.baseline_settings_search import (
     lines,
     pooled_f1,
 )
-from caesura_lab.evaluation.bocpd import student_speed
+from caesura_lab.evaluation.bocpd_baseline import student_speed
 from caesura_lab.evaluation.chosen_settings import KernelSettings, StudentSettings
 from caesura_lab.evaluation.conditioned_signals import Signals
 from caesura_lab.evaluation.features import log_features, vector_features

@@ -48,7 +48,7 @@ def test_only_the_library_of_movements_is_exchanged():
     assert len(after["moving"].library) == 16
     assert after["moving"].noise == before["moving"].noise
     assert after["moving"].target == before["moving"].target
-    assert after["moving"].library.calm == before["moving"].library.calm
+    assert after["moving"].library.rest_scale_ratio == before["moving"].library.rest_scale_ratio
     assert other.kinds == STROKES.kinds
 
 

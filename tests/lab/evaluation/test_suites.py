@@ -18,10 +18,10 @@ from typer.testing import CliRunner
 from caesura_lab.annotation.storage import new_annotation, save_annotation
 from caesura_lab.commands import register
 from caesura_lab.evaluation import suites
+from caesura_lab.evaluation.annotated_declarations import with_annotated_declarations
 from caesura_lab.evaluation.baselines import Baseline, thresholds
 from caesura_lab.evaluation.report import as_json, report
 from caesura_lab.evaluation.runner import judge
-from caesura_lab.evaluation.session_declarations import with_declarations
 from caesura_lab.evaluation.suites import (
     FileCase,
     ReadingOptions,
@@ -207,7 +207,7 @@ def test_a_phase_that_is_off_is_named(phases: list, expected: str):
 
 
 def declared(recording: Recording, **content: Any) -> Recording:
-    return with_declarations(recording, truth_of(EMPTY | content, "x"))
+    return with_annotated_declarations(recording, truth_of(EMPTY | content, "x"))
 
 
 def test_an_annotation_declares_the_wrench_where_the_recording_does_not():

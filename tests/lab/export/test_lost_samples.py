@@ -60,9 +60,9 @@ def test_losses_at_the_ends_are_shown_as_times_before_and_after(tmp_path: Path) 
     ends = [(float(t), float(t)) for t in (whole.t[0], whole.t[-1])]
     replace(whole, lost=tuple(ends)).save(tmp_path / "cut.npz")
     done = CliRunner().invoke(application(), ["segment", str(tmp_path / "cut.npz")])
-    known = [line for line in done.output.splitlines() if line.startswith("nothing is known")]
+    known = [line for line in done.output.splitlines() if line.startswith("no samples")]
     times = [f"{t0:.2f} s" for t0, _ in ends]
-    assert known == [f"nothing is known before {times[0]}", f"nothing is known after {times[1]}"]
+    assert known == [f"no samples before {times[0]}", f"no samples after {times[1]}"]
 
 
 @pytest.mark.parametrize("lost", ["", "3.9", "5 to 4", "1 to nan", "1 to inf", "a to b", "1 to 2;3 to 4"])

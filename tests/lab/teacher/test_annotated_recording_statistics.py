@@ -1,18 +1,18 @@
-"""The simulation against the figures of real recordings (data/PROVENANCE.md has the table)."""
+"""The simulation against the statistics of real recordings (data/PROVENANCE.md has the table)."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from caesura_lab.teacher.annotated_recording_statistics import FIGURES, measure
+from caesura_lab.teacher.annotated_recording_statistics import STATISTICS, measure
 from caesura_lab.teacher.simulated_teaching import Demonstration
 from lab.teacher.nominal import nominal_once
 
 
 @pytest.fixture(scope="module")
-def figures(demonstrations: list[Demonstration]) -> dict[str, list[float]]:
-    """Figures of the thesis' person in every scenario together."""
+def statistics(demonstrations: list[Demonstration]) -> dict[str, list[float]]:
+    """Statistics of the thesis' person in every scenario together."""
     together: dict[str, list[float]] = {}
     for demonstration in demonstrations:
         for name, values in measure(demonstration.recording, demonstration.truth).items():
@@ -21,7 +21,7 @@ def figures(demonstrations: list[Demonstration]) -> dict[str, list[float]]:
 
 
 @pytest.mark.parametrize(
-    ("figure", "low", "high"),
+    ("statistic", "low", "high"),
     [
         ("position_noise", 2.0, 15.0),
         ("force_noise_rest", 0.02, 0.22),
@@ -31,21 +31,21 @@ def figures(demonstrations: list[Demonstration]) -> dict[str, list[float]]:
         ("impact", 2.0, 118.0),
     ],
 )
-def test_figures_lie_within_real_ones(
-    figures: dict[str, list[float]], figure: str, low: float, high: float
+def test_statistics_lie_within_real_ones(
+    statistics: dict[str, list[float]], statistic: str, low: float, high: float
 ) -> None:
-    assert figure in FIGURES
-    assert low <= min(figures[figure])
-    assert max(figures[figure]) <= high
+    assert statistic in STATISTICS
+    assert low <= min(statistics[statistic])
+    assert max(statistics[statistic]) <= high
 
 
 @pytest.mark.parametrize(
-    ("figure", "low", "high"), [("move", 0.7, 2.1), ("release", 0.15, 0.5), ("rise_to_8N", 0, 0.3)]
+    ("statistic", "low", "high"), [("move", 0.7, 2.1), ("release", 0.15, 0.5), ("rise_to_8N", 0, 0.3)]
 )
 def test_medians_are_like_real_ones(
-    figures: dict[str, list[float]], figure: str, low: float, high: float
+    statistics: dict[str, list[float]], statistic: str, low: float, high: float
 ) -> None:
-    assert low <= np.median(figures[figure]) <= high
+    assert low <= np.median(statistics[statistic]) <= high
 
 
 def test_a_hand_in_the_wrench_has_most_power_below_a_few_hertz() -> None:

@@ -37,7 +37,7 @@ def other(monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 def test_a_program_for_another_robot_is_refused_by_name(taught: ProgramFile, other: str) -> None:
-    with pytest.raises(CaesuraError, match="was taught on panda, not on other: with --retarget"):
+    with pytest.raises(CaesuraError, match="was taught on panda, not on other: --retarget keeps its poses"):
         on_robot(taught, other)
     assert on_robot(taught, None) is taught
     assert on_robot(taught, "panda") == taught
@@ -58,7 +58,7 @@ def test_re_targeting_keeps_poses_leaves_joints_out_and_says_so(taught: ProgramF
 def test_joints_of_another_arm_are_refused_where_no_robot_was_stated(taught: ProgramFile) -> None:
     # A UR5e's script asked for the inverse kinematics near seven joints.
     unstated = taught.model_copy(update={"robot": None})
-    with pytest.raises(CaesuraError, match=r"app 1 \(move\) was taught with 7 joints, and ur5e has 6: with"):
+    with pytest.raises(CaesuraError, match=r"app 1 \(move\) was taught with 7 joints, and ur5e has 6: --retarget"):
         on_robot(unstated, "ur5e")
     with pytest.raises(ValueError, match="taught with 7 joints, and an arm of Universal Robots has 6"):
         WRITERS["urscript"].write(unstated)

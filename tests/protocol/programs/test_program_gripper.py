@@ -119,8 +119,11 @@ def test_a_suction_cup_has_no_width():
 @pytest.mark.parametrize(
     ("fields", "said"),
     [
-        ({"kind": "fingers", "interface": "franka"}, "fingers by franka need opening_m, force_n"),
-        ({"kind": "suction", "interface": "digital_output"}, "need output"),
+        (
+            {"kind": "fingers", "interface": "franka"},
+            "a gripper of kind fingers with interface franka needs opening_m, force_n",
+        ),
+        ({"kind": "suction", "interface": "digital_output"}, "needs output"),
         ({"opening_m": 0.1, "force_n": 1.0, "least_force_n": 2.0}, "force_n is 1.0, expected at least"),
         ({"opening_m": -0.1, "force_n": 1.0}, "greater than 0"),
     ],

@@ -8,7 +8,7 @@ import pytest
 
 from caesura_protocol.messages import App, RestForce
 from caesura_protocol.programs.behaviour_tree import behaviour_tree
-from caesura_protocol.programs.checks import order_findings
+from caesura_protocol.programs.checks import precondition_findings
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.franky_script import franky_script
 from caesura_protocol.programs.ur_script import ur_script
@@ -136,7 +136,7 @@ def test_a_program_that_begins_in_contact_is_named_once_with_its_cause_and_what_
     # Each of four strokes was an error, none of which said that the recording had begun in contact.
     _, stroke = wiped()
     later = stroke.model_copy(update={"t0": stroke.t0 + 5.0, "tn": stroke.tn + 5.0, "path": None})
-    (found,) = order_findings((stroke, later))
+    (found,) = precondition_findings((stroke, later))
     assert found.index == 0
     cause = "The recording began in contact, or an edit removed the motion there"
     assert (
@@ -145,7 +145,7 @@ def test_a_program_that_begins_in_contact_is_named_once_with_its_cause_and_what_
     )
     touch, *_ = press()
     lifted = touch.model_copy(update={"kind": "cartesian_motion"})
-    (found,) = order_findings((lifted, stroke))
+    (found,) = precondition_findings((lifted, stroke))
     assert "began in contact" not in found.reason
 
 
@@ -156,10 +156,10 @@ def begun_at_the_object() -> tuple[App, ...]:
 
 def test_a_program_that_begins_with_a_grasp_says_where_the_arm_must_stand():
     said = "grasps before anything moves: bring the arm to (-14, -673, 107) mm (flange) first"
-    (found,) = order_findings(begun_at_the_object())
+    (found,) = precondition_findings(begun_at_the_object())
     assert (found.severity, found.index) == ("warning", 0)
     assert found.reason.startswith(said)
-    assert not order_findings(pick_and_place())
+    assert not precondition_findings(pick_and_place())
     driven = {franky_script: "franka_hand", ur_script: "robotiq_2f_85", xarm_script: "robotiq_2f_85"}
     for write, gripper in driven.items():
         program = as_file(begun_at_the_object()).model_copy(update={"gripper": gripper})
@@ -183,14 +183,14 @@ def test_a_push_across_the_tool_is_none_that_pulls(write: Callable[[ProgramFile]
     """The noise of its force decided: half of the programs that pushed something aside had no script."""
     touch, pressed, away = press()
     aside = pressed.model_copy(update={"force": (0.0, 9.0, away_n)})
-    assert not order_findings((touch, aside, away))
+    assert not precondition_findings((touch, aside, away))
     assert write(as_file((touch, aside, away)))
 
 
 def test_why_a_press_may_pull_is_said_once():
     touch, pressed, away = press()
     up = pressed.model_copy(update={"force": (0.0, 0.0, 9.0)})
-    first, second = (one.reason for one in order_findings((touch, up, up, away)))
+    first, second = (one.reason for one in precondition_findings((touch, up, up, away)))
     assert second == "pulls on the touched surface: its force points away from the tool"
     assert first.startswith(f"{second}. Was the force recorded in the base frame")
 

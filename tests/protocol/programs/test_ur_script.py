@@ -221,7 +221,7 @@ def test_switched_fingers_shut_where_they_were_taught_to(
     switches = played(on_ur((leaves, moves))).named("set_standard_digital_out")
     assert [tuple(one.values()) for one in switches] == [(3, shuts)]
     said = [one.reason for one in gripper_findings((leaves, moves), Safety(), switched)]
-    assert any("opens to 50 mm or shuts, and opens" in reason for reason in said) == named
+    assert any("is open at 50 mm or shut, so it opens" in reason for reason in said) == named
 
 
 def test_legs_keep_to_a_fine_tolerance_of_their_path():

@@ -105,8 +105,8 @@ CERTAIN = 1e5  # nu0 of a noise whose variance is known
 SHARES = (0.05, 0.3)
 
 
-def library(name: str, correlation: float = 0.0, calm: float = 1.0) -> ProfileLibrary:
-    return ProfileLibrary(LIBRARIES[name], 0.1, correlation, calm)
+def library(name: str, correlation: float = 0.0, rest_scale_ratio: float = 1.0) -> ProfileLibrary:
+    return ProfileLibrary(LIBRARIES[name], 0.1, correlation, rest_scale_ratio)
 
 
 def _constants() -> Iterator[tuple[str, Entry]]:
@@ -147,8 +147,8 @@ def _profiled() -> Iterator[tuple[str, Entry]]:
 
     def entry(moves: str, noise: Noise, holds: str = GIVEN_TARGET, **options: Any) -> Entry:
         channel: Channel = options.pop("channel", "force" if moves == "rise" else "position")
-        calm = options.pop("calm", 1.0)
-        model = ProfileModel(channel, library(moves, noise.correlation, calm), noise, **options)
+        rest_scale_ratio = options.pop("rest_scale_ratio", 1.0)
+        model = ProfileModel(channel, library(moves, noise.correlation, rest_scale_ratio), noise, **options)
         return Entry(model, holds, channel, explains_first=model.origin == "first")
 
     for moves, origin in zip(LIBRARIES, ORIGINS, strict=True):
@@ -169,7 +169,10 @@ def _profiled() -> Iterator[tuple[str, Entry]]:
         "minimum jerk, pace",
         entry("minimum jerk", human, WEIGHTED, origin="previous", target=target, pace=0.5),
     )
-    yield "minimum jerk, calm", entry("minimum jerk", human, origin="previous", target=target, calm=0.3)
+    yield (
+        "minimum jerk, calm",
+        entry("minimum jerk", human, origin="previous", target=target, rest_scale_ratio=0.3),
+    )
 
 
 def _walks() -> Iterator[tuple[str, Entry]]:

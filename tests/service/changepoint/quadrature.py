@@ -127,8 +127,14 @@ def profiled(model: ProfileModel, before: Array, z: Array) -> float:
 def sizes_of(library: ProfileLibrary, profile, last: int) -> Array:
     """(last + 1,) how large residuals 0..last are, 1 where the profile is fastest; of 0 it is no matter."""
     steps = np.diff(profile(library.step_s * np.arange(200.0)), prepend=0.0)
-    share = np.sqrt(library.calm**2 + (1 - library.calm**2) * (steps / steps.max()) ** 2)
-    return np.concatenate([[1.0], share[1:]])[: last + 1] if library.calm < 1.0 else np.ones(last + 1)
+    share = np.sqrt(
+        library.rest_scale_ratio**2 + (1 - library.rest_scale_ratio**2) * (steps / steps.max()) ** 2
+    )
+    return (
+        np.concatenate([[1.0], share[1:]])[: last + 1]
+        if library.rest_scale_ratio < 1.0
+        else np.ones(last + 1)
+    )
 
 
 def walk(model: StudentRandomWalk, before: Array, z: Array) -> float:

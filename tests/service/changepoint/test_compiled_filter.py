@@ -174,7 +174,7 @@ def test_conditioning_on_any_start_of_the_best_segmentation() -> None:
         for one in (compiled, reference):
             one.step(observed)
             if i % 15 == 14 and len(one.map_path()) > 1:
-                one.condition(one.map_path()[1].start)
+                one.condition_on_start(one.map_path()[1].start)
         assert_agree(compiled, reference)
         starts = [segment.start for segment in reference.final]
         for start in starts:
@@ -233,7 +233,7 @@ def test_a_start_that_cannot_be_taken_for_certain(start: int) -> None:
     for observed, _ in pieces(np.random.default_rng(0), 9):
         compiled.step(observed)
     with pytest.raises(ValueError, match=f"start is {start}, expected 1 to 8"):
-        compiled.condition(start)
+        compiled.condition_on_start(start)
 
 
 class Own(StudentRandomWalk):

@@ -214,10 +214,10 @@ def test_the_shares_of_the_contact_model_add_up_to_the_product_of_its_predictive
     assert log_sum_exp(np.array(parts)) - np.log(3.0) == pytest.approx(total, abs=1e-9)
 
 
-@pytest.mark.parametrize("calm", [1.0, 0.3])
-def test_a_table_ends_where_its_profiles_rest_and_says_the_same_of_an_hour(calm):
+@pytest.mark.parametrize("rest_scale_ratio", [1.0, 0.3])
+def test_a_table_ends_where_its_profiles_rest_and_says_the_same_of_an_hour(rest_scale_ratio):
     profiles = [minimum_jerk(0.7), lognormal(2.0), first_order(3.0)]
-    short, long = (ProfileLibrary(profiles, 0.1, 0.8, calm) for _ in range(2))
+    short, long = (ProfileLibrary(profiles, 0.1, 0.8, rest_scale_ratio) for _ in range(2))
     long._at_rest = False
     long._tabulate(1 << 16)
     index = np.array([3, 70, 500, 36_000])

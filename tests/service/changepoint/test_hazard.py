@@ -43,7 +43,9 @@ def test_a_share_after_one_sample_makes_only_that_length_less_likely() -> None:
 
 @pytest.mark.parametrize("single", [0.0, -1e-4, 0.06])
 def test_a_share_after_one_sample_is_above_0_and_at_most_the_share(single: float) -> None:
-    with pytest.raises(ValueError, match=f"single {single}, expected .* above 0 and at most share"):
+    with pytest.raises(
+        ValueError, match=f"single is {single}, expected above 0 and at most share, which is 0.05"
+    ):
         Refractory(20.0, 4, 0.05, single)
 
 

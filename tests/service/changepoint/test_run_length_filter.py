@@ -75,7 +75,7 @@ def test_a_conditioned_filter_agrees_with_the_sum_over_all_segmentations_with_th
             online.step(observed)
             if online.count == at:
                 for start in taken:
-                    online.condition(start)
+                    online.condition_on_start(start)
                 check_against(then, online)
         check_against(in_the_end, online)
         assert online.starts.min() == online.root >= taken[-1]
@@ -111,19 +111,19 @@ def test_what_is_known_holds_when_something_else_is_taken_for_certain(
         if i == 8:
             start = online.map_path()[-1].start
             if start > online.root:
-                online.condition(start)
+                online.condition_on_start(start)
     check_against(BruteForce(lattice, data, HAZARD, [7], [9, 10], free=[7]), online)
-    online.condition(11)
+    online.condition_on_start(11)
     check_against(BruteForce(lattice, data, HAZARD, [7, 11], [9, 10], free=[7]), online)
 
 
 class Recorded(RunLengthFilter):
     """A filter that remembers what it was conditioned on, and at which observation."""
 
-    def condition(self, start: int) -> None:
+    def condition_on_start(self, start: int) -> None:
         assert start in {segment.start for segment in self.map_path()}
         before = [segment.start for segment in (*self.final, *self.map_path())]
-        super().condition(start)
+        super().condition_on_start(start)
         assert [segment.start for segment in (*self.final, *self.map_path())] == before
         self.taken = [*getattr(self, "taken", []), (start, self.count)]
 
@@ -147,7 +147,7 @@ def test_how_probable_a_certain_changepoint_was_is_not_forgotten() -> None:
     alone = [s for s in range(1, online.count - INTERVAL_REACH) if before[s + 1] + before[s + 2] < 0.2]
     start = min(alone, key=lambda s: abs(before[s] - 0.5))
     event = online.event_probability(start)
-    online.condition(start)
+    online.condition_on_start(start)
     assert online.changepoint_probability(start) == pytest.approx(1.0, abs=1e-12)
     around = range(max(start - INTERVAL_REACH, 0), start + INTERVAL_REACH + 1)
     assert [online.changepoint_probability(s, about=start) for s in around] == [before[s] for s in around]
@@ -172,9 +172,9 @@ def test_only_what_is_open_and_in_the_window_can_be_conditioned_on(start: int) -
     online = RunLengthFilter(PRESETS["default"].lattice(), HAZARD, replace(EXACT, window=4))
     for observed in demonstration(2, 8):
         online.step(observed)
-    online.condition(7)
+    online.condition_on_start(7)
     with pytest.raises(ValueError, match=f"start is {start}, expected"):
-        online.condition(start)
+        online.condition_on_start(start)
 
 
 @pytest.mark.parametrize("lattice", LATTICES)

@@ -13,7 +13,13 @@ from caesura_protocol.messages import Hint
 from caesura_service.coaching import ArmLimits, CoachingSetup, ObservedPose, SignalCoach
 from caesura_service.coaching.bias_drift_tracker import DriftState, DriftTracker
 from caesura_service.coaching.hint_log import CLEARED_KEPT, HintLog
-from caesura_service.coaching.path_errors import PathErrors, off_cubic, path_error, path_errors, turn_error
+from caesura_service.coaching.interpolation_errors import (
+    InterpolationErrors,
+    deviation_between_poses,
+    interpolation_errors,
+    path_error,
+    turn_error,
+)
 from caesura_service.constants import TARED_BIAS_N
 from caesura_service.robot import load_panda
 
@@ -478,14 +484,14 @@ def test_what_lies_on_the_cubic_is_not_off_it_whatever_the_sign_of_a_quaternion_
 
     first, before, after, last = with_between(turning, 4)
     before = before._replace(orientation=[-one for one in before.orientation or ()])
-    assert off_cubic((first, before, after, last)) == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert deviation_between_poses((first, before, after, last)) == pytest.approx((0.0, 0.0), abs=1e-6)
     assert after.between is not None
     shaken = after.between.copy()
     shaken[4, 3] += 0.01
-    assert off_cubic((first, before, after._replace(between=shaken), last))[1] == pytest.approx(
+    assert deviation_between_poses((first, before, after._replace(between=shaken), last))[1] == pytest.approx(
         0.02, rel=0.02
     )
-    assert off_cubic((first, before, after)) == (0.0, 0.0)
+    assert deviation_between_poses((first, before, after)) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("parts", ["turns and between", "turns", "between", "neither"])
@@ -508,9 +514,9 @@ def test_errors_are_left_out_only_where_all_of_them_are_within_their_tolerances(
         )
         between = rows[4:, :width] if count else None
         poses = (*poses[:2], poses[2]._replace(between=between), poses[3])
-        errors = PathErrors(path_error(poses), turn_error(poses), *off_cubic(poses))
-        found = path_errors(poses, tolerance_m, tolerance_rad)
-        if found == PathErrors():
+        errors = InterpolationErrors(path_error(poses), turn_error(poses), *deviation_between_poses(poses))
+        found = interpolation_errors(poses, tolerance_m, tolerance_rad)
+        if found == InterpolationErrors():
             spared += 1
             assert max(errors.path_m, errors.shaken_m) < tolerance_m
             assert max(errors.turn_rad, errors.shaken_rad) < tolerance_rad

@@ -36,7 +36,7 @@ from caesura_service.server import NetworkError
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.network_interface import Channel, Incoming
 from caesura_service.server.rate_limit_settings import RateLimits
-from caesura_service.server.router_watch import PAUSE_S, STUCK_S, WHY_STUCK
+from caesura_service.server.router_probe import PAUSE_S, STUCK_S, WHY_STUCK
 from caesura_service.server.zenoh_network import ZenohNetwork
 from clients.conftest import free_port
 from harness.fake_pipeline import make_fake_pipeline

@@ -12,7 +12,7 @@ import pytest
 from caesura_protocol.app_contacts import is_resisted
 from caesura_protocol.messages import App, Segment, Vector
 from caesura_protocol.programs.app_time_shifts import may_retime
-from caesura_protocol.programs.checks.preconditions import order_findings
+from caesura_protocol.programs.checks.preconditions import precondition_findings
 from caesura_service.program import (
     GripperAction,
     Moment,
@@ -204,7 +204,7 @@ def test_a_press_follows_a_push_at_once() -> None:
     made = pushed(segment("contact", 5.0, 6.0, **hard))
     assert kinds(made) == ["cartesian_motion", "cartesian_motion", "apply_force"]
     assert made[2].force == pytest.approx((0.0, -25.0, 0.0))
-    assert order_findings(made) == []
+    assert precondition_findings(made) == []
 
 
 @pytest.mark.parametrize(("newton", "is_lost"), [(10.0, False), (40.0, True)])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from caesura_protocol.programs.checks.preconditions import order_findings
+from caesura_protocol.programs.checks.preconditions import precondition_findings
 from caesura_service.program import GripperAction, Moment, Paths, ProgramSegment, task_program
 from service.program.segments import GRASP, RELEASE, drifted, held, kinds, moment_at, program, segment
 
@@ -33,7 +33,7 @@ def test_a_press_after_a_rest_in_which_the_fingers_move_was_touched_after_they_m
     assert kinds(made) == ["cartesian_motion", "gripper_move", "move_to_contact", "apply_force"]
     assert made[2].target == pytest.approx((0.0, 0.0, 0.405))
     assert made[1].tn < made[2].t0 < made[2].tn <= made[3].t0
-    assert not [one for one in order_findings(made) if "without a contact" in one.reason]
+    assert not [one for one in precondition_findings(made) if "without a contact" in one.reason]
 
 
 def test_the_path_to_a_contact_ends_before_the_rest_that_follows() -> None:

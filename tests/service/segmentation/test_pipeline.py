@@ -618,7 +618,7 @@ def test_a_view_says_in_which_unit_and_frame_its_samples_came(taught: Recording)
 
 
 @pytest.mark.parametrize(
-    "note", ["detours", "missed_torques_note", "missed_pulls_note", "missed_touches_note"]
+    "note", ["detours", "unreproduced_torques_note", "unreproduced_pulls_note", "unreproduced_touches_note"]
 )
 def test_the_notes_on_a_long_program_give_way_at_each_app(monkeypatch, taught, note):
     """At the end of 15 minutes they took 0.2 s in one slice, in which the worker served no station."""

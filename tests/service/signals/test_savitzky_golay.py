@@ -20,7 +20,7 @@ def everywhere(rows: Array) -> tuple[Array, Array]:
     rows = np.ascontiguousarray(rows)  # as a Conditioner has them: test_compiled looks for other compilations
     fits = np.empty((len(rows) - 10, 2, rows.shape[1]))
     for centre, both in enumerate(fits, start=5):
-        speed = best().fit(rows, centre, FILTER.taps, rows.shape[1], both)
+        speed = best().fit_polynomials(rows, centre, FILTER.taps, rows.shape[1], both)
         assert speed == pytest.approx(float(np.linalg.norm(both[1, :3])), rel=1e-12)
     return fits[:, 0], fits[:, 1]
 

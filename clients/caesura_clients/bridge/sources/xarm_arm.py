@@ -148,5 +148,5 @@ def _error_of(arm: Any) -> str | None:
     """Ask a stopped controller for its error, in words; None where it was stopped without one."""
     code, found = arm.get_err_warn_code()
     if code:
-        return f"the arm is stopped, and the SDK's code is {code} where its error was asked for"
+        return f"the arm is stopped, and its error could not be read: the SDK's code is {code}"
     return f"the controller's error is {found[0]}" if found[0] else None

@@ -9,11 +9,11 @@ from nicegui import run, ui
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
-from caesura_clients.dashboard.nicegui_elements import SessionView, Tables
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
 from caesura_clients.dashboard.pages.session import line_of_past
 from caesura_clients.dashboard.pages.stored_session import StoredSession
 from caesura_clients.dashboard.station_summary import DashboardState
+from caesura_clients.dashboard.web_components import SessionView, Tables
 from caesura_clients.session_state_reader import Update
 from caesura_protocol.app_kinds import app_number, app_title
 from caesura_protocol.messages import App, Program

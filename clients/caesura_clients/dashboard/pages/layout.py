@@ -12,11 +12,11 @@ from nicegui.element import Element
 from nicegui.elements.mixins.text_element import TextElement
 
 from caesura_clients.dashboard.correction_requests import Corrector
-from caesura_clients.dashboard.demonstration_control import DemonstrationDesk
+from caesura_clients.dashboard.demonstration_requests import DemonstrationDesk
 from caesura_clients.dashboard.network_follower import NetworkFollower
-from caesura_clients.dashboard.nicegui_elements import WEB
 from caesura_clients.dashboard.program_simulation import Simulator
 from caesura_clients.dashboard.recordings import RecordingDesk
+from caesura_clients.dashboard.web_components import WEB
 
 ASSETS = "/assets"
 TICK_S = 0.1  # updates of a page; ten a second at most

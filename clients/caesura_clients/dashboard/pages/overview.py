@@ -6,9 +6,9 @@ from typing import Any
 
 from nicegui import ui
 
-from caesura_clients.dashboard.nicegui_elements import Overview
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page
 from caesura_clients.dashboard.station_summary import glances, summary
+from caesura_clients.dashboard.web_components import Overview
 
 
 def build(site: Site) -> None:

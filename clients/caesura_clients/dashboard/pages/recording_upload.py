@@ -18,22 +18,22 @@ from nicegui import run, ui
 from nicegui.events import GenericEventArguments
 
 from caesura_clients.dashboard.correction_requests import EditRefused
-from caesura_clients.dashboard.demonstration_control import only_reads
+from caesura_clients.dashboard.demonstration_requests import read_only_reason
 from caesura_clients.dashboard.network_follower import NetworkFollower
-from caesura_clients.dashboard.nicegui_elements import RecordingDrop
 from caesura_clients.dashboard.pages.layout import Site, page, text
 from caesura_clients.dashboard.recordings import BYTES, MEGABYTE, SUFFIXES, RecordingDesk
 from caesura_clients.dashboard.station_summary import length_words
+from caesura_clients.dashboard.web_components import RecordingDrop
 from caesura_clients.dashboard.wrench_source_words import WRENCH_SOURCE_WORDS
 from caesura_protocol.errors import CaesuraError, ProtocolError
-from caesura_protocol.formats.foreign_csv import TURNS, UNITS
+from caesura_protocol.formats.csv_read_mapped import TURNS, UNITS
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, FORCE_FRAMES, HANDS_ON_ROBOT
 from caesura_protocol.plausibility import UNITS as UNITS_OF_QUANTITY
 from caesura_protocol.robots import robot_names
 
 UPLOADS = "/uploads"
 TICK_S = 0.25
-ONLY_READS = only_reads("playing a recording needs")
+ONLY_READS = read_only_reason("playing a recording needs")
 DEFAULT_STATION = "recordings"
 
 
@@ -108,7 +108,7 @@ class _Recordings:
             self._desk.drop(upload)
             raise
         named = f"s{datetime.now():%Y%m%d-%H%M%S}"
-        self._drop.looked({**(found or {}), "session": named, "upload": upload})
+        self._drop.show_questions({**(found or {}), "session": named, "upload": upload})
 
 
 def _named(gateway: NetworkFollower, station: str, session: str) -> str:

@@ -11,18 +11,11 @@ from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 from caesura_clients.dashboard.correction_requests import EditRefused, correct, preview
-from caesura_clients.dashboard.demonstration_control import controls, description_of
+from caesura_clients.dashboard.demonstration_requests import controls, description_of
 from caesura_clients.dashboard.drawing_updates import run_lengths
 from caesura_clients.dashboard.edit_conflicts import EditConflict
 from caesura_clients.dashboard.hint_banner import banner_of
 from caesura_clients.dashboard.network_follower import STATIONS
-from caesura_clients.dashboard.nicegui_elements import (
-    DescriptionForm,
-    HintBanner,
-    ProgramTimeline,
-    SessionView,
-    StartStop,
-)
 from caesura_clients.dashboard.pages.absent_session import AbsentSession
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
 from caesura_clients.dashboard.pages.stored_session import StoredSession
@@ -38,6 +31,13 @@ from caesura_clients.dashboard.station_summary import (
     length_words,
     session_clock,
     warning_of,
+)
+from caesura_clients.dashboard.web_components import (
+    DescriptionForm,
+    HintBanner,
+    ProgramTimeline,
+    SessionView,
+    StartStop,
 )
 from caesura_clients.dashboard.wrench_source_words import wrench_words
 from caesura_clients.session_state_reader import Update
@@ -159,7 +159,7 @@ class SessionPage:
         tools = {self._view: self._corrector, self._form: self._desk, self._program: self._program_desk}
         for element, desk in tools.items():
             if desk is not None:
-                element.allow(editable=may, why=why)
+                element.set_editable(editable=may, why=why)
 
     def _controls(self) -> dict[str, Any]:
         return controls(self._gateway.world, self._station, may_operate=self._desk is not None)
@@ -233,7 +233,7 @@ class SessionPage:
         """
         if update is None or not self._view.is_free:
             return {}
-        more = self._view.standing(update)
+        more = self._view.changed_edit_state(update)
         if self._view.shows_run_lengths:
             more |= self._run_lengths(update)
         else:

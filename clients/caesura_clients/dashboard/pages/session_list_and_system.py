@@ -10,11 +10,11 @@ from nicegui import Client, run, ui
 from nicegui.events import GenericEventArguments
 
 from caesura_clients.dashboard.correction_requests import refusal
-from caesura_clients.dashboard.nicegui_elements import SessionList, Tables, lags
 from caesura_clients.dashboard.pages.layout import SLOW_TICK_S, Site, page
 from caesura_clients.dashboard.session_list_rows import damaged, sessions
 from caesura_clients.dashboard.station_summary import DashboardState
 from caesura_clients.dashboard.system import system
+from caesura_clients.dashboard.web_components import SessionList, Tables, lags
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.keys import check_name
 

@@ -19,7 +19,7 @@ from caesura_protocol.programs.checks import (
     are_numbers_finite,
     fidelity_findings,
     gripper_findings,
-    order_findings,
+    precondition_findings,
     timing_findings,
     value_findings,
     workspace_findings,
@@ -58,7 +58,7 @@ def check(
         *(() if gripper is None else gripper_findings(apps, cell.safety, gripper)),
     ]
     finite, broken = are_numbers_finite(apps), any(one.severity == "error" for one in found)
-    found += order_findings(apps)
+    found += precondition_findings(apps)
     if finite:
         found += workspace_findings(apps, cell.safety)
     if not broken:

@@ -13,7 +13,7 @@ from caesura_protocol.programs.checks.fidelity import DemonstrationQuality, fide
 from caesura_protocol.programs.checks.findings import Finding
 from caesura_protocol.programs.checks.gripper_capability import gripper_findings
 from caesura_protocol.programs.checks.mounting import mounting_findings
-from caesura_protocol.programs.checks.preconditions import order_findings
+from caesura_protocol.programs.checks.preconditions import precondition_findings
 from caesura_protocol.programs.checks.timing import timing_findings
 from caesura_protocol.programs.checks.value_ranges import are_numbers_finite, value_findings
 from caesura_protocol.programs.checks.workspace import workspace_findings
@@ -30,7 +30,7 @@ __all__ = [
     "gripper_findings",
     "group_findings",
     "mounting_findings",
-    "order_findings",
+    "precondition_findings",
     "timing_findings",
     "unfinished_findings",
     "value_findings",
@@ -52,7 +52,7 @@ def document_findings(program: ProgramFile) -> list[Finding]:
         *value_findings(program.apps, within_gripper(program.safety, held_by)),
         *(() if held_by is None else gripper_findings(program.apps, program.safety, held_by)),
     ]
-    found += order_findings(program.apps)
+    found += precondition_findings(program.apps)
     if are_numbers_finite(program.apps):
         found += workspace_findings(program.apps, program.safety)
         found += fidelity_findings(program.apps, quality, program.safety)

@@ -75,7 +75,7 @@ def _between_states(apps: Sequence[App], gripper: GripperDescription) -> Iterato
     for index, app in enumerate(apps):
         width, opening = app.gripper_width, gripper.opening_m or 0.0
         if app.kind == "gripper_move" and width is not None and SHUT_M < width < opening - WIDTH_TOLERANCE_M:
-            states = f"a {gripper.title} opens to {1000 * opening:g} mm or shuts, and opens"
+            states = f"a {gripper.title} is open at {1000 * opening:g} mm or shut, so it opens"
             reason = f"gripper width {1000 * width:g} mm: {states}"
             yield Finding("warning", index, app.kind, reason, width, opening)
 

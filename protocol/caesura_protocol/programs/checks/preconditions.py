@@ -33,7 +33,7 @@ ACROSS_SINE = math.sin(math.radians(15.0))  # of a force across the tool: 2.3 N 
 TURN_AT_CONTACT_RAD = math.radians(15.0)  # taught ones turn by 9° at most
 
 
-def order_findings(apps: Sequence[App]) -> list[Finding]:
+def precondition_findings(apps: Sequence[App]) -> list[Finding]:
     """Find apps whose preconditions do not hold, and contacts or grasps that no later app ends."""
     found: list[Finding] = []
     touching, moved, emptied = False, False, False

@@ -44,7 +44,7 @@ def unpacker(example: NamedTuple, skipped: int = 0) -> Callable[..., Any]:
     made = numba.typeof(example)
 
     @intrinsic
-    def unpacked(_context, here):
+    def unpacked(_context, ctx):
         def generate(context, builder, signature, arguments):
             words = builder.inttoptr(arguments[0], ir.IntType(64).as_pointer())
 

@@ -58,60 +58,60 @@ from caesura_service.numba_support.decorators import compiled
 
 
 @compiled
-def update_channel(here, c, joins):
+def update_channel(ctx, c, joins):
     """Update all living hypotheses with an observation in channel c.
 
     The evidence goes to `state.channel[c]`.
     """
-    which = model_at(here).channels[c].model
+    which = model_at(ctx).channels[c].model
     if which == PROFILE_MODEL:
-        profile_model(here, c, joins)
+        profile_model(ctx, c, joins)
     elif which == RANDOM_WALK:
-        random_walk(here, c, joins)
+        random_walk(ctx, c, joins)
     elif which == CONSTANT_LEVEL:
-        constant_level(here, c, joins)
+        constant_level(ctx, c, joins)
     elif which in (FREE_SPACE_FORCE, LOAD_FORCE):
-        force_level(here, c)
+        force_level(ctx, c)
     elif which == THESIS_LOAD_FORCE:
-        thesis_load_force(here, c)
+        thesis_load_force(ctx, c)
     elif which == GRIPPER_HOLDING:
-        gripper_holding(here, c)
+        gripper_holding(ctx, c)
     elif which == CONTACT_MIXTURE:
-        contact_mixture(here, c)
+        contact_mixture(ctx, c)
     elif which == CONSTANT_VELOCITY:
-        constant_velocity(here, c)
+        constant_velocity(ctx, c)
     else:
-        update_weight_channel(here, c, joins)
+        update_weight_channel(ctx, c, joins)
 
 
 @compiled
-def update_weight_channel(here, c, joins):
+def update_weight_channel(ctx, c, joins):
     """Process an observation as `update_channel` does, in a channel that weighs steps or starts."""
-    which = model_at(here).channels[c].model
+    which = model_at(ctx).channels[c].model
     if which == DISSIPATIVE_CONTACT:
-        dissipative_contact(here, c, joins)
+        dissipative_contact(ctx, c, joins)
     elif which == GUIDED_MOTION:
-        guided_motion(here, c, joins)
+        guided_motion(ctx, c, joins)
     elif which == TRACED_MOTION:
-        traced_motion(here, c)
+        traced_motion(ctx, c)
     elif which == CORNER_WEIGHT:
-        corner_weight(here, c)
+        corner_weight(ctx, c)
     elif which == TURN_IN_PLACE:
-        turn_in_place(here, c)
+        turn_in_place(ctx, c)
     elif which == RATE_BOUNDS:
-        rate_bounds(here, c, joins)
+        rate_bounds(ctx, c, joins)
     elif which == NO_CONTACT_RISE:
-        no_contact_rise(here, c, joins)
+        no_contact_rise(ctx, c, joins)
     elif which == TURN_RESISTANCE:
-        turn_resistance(here, c, joins)
+        turn_resistance(ctx, c, joins)
 
 
 @compiled
-def random_walk(here, c, joins):
+def random_walk(ctx, c, joins):
     """`StudentRandomWalk`. Field: log evidence. The step is the same for every hypothesis."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     channel, now, signal = model.channels[c], state.now, model.channels[c].signal
-    step2 = step_squared(here, signal, joins)
+    step2 = step_squared(ctx, signal, joins)
     size2 = now[signal] ** 2 + now[signal + 1] ** 2 + now[signal + 2] ** 2
     log_evidence = student(channel.constant, channel.nu, step2, channel.scale2)
     log_evidence += log_absence(step2, channel.still) + log_presence(size2, channel.presence)
@@ -119,20 +119,20 @@ def random_walk(here, c, joins):
 
 
 @compiled
-def rate_bounds(here, c, joins):
+def rate_bounds(ctx, c, joins):
     """`RateOfChangeBounds`. Field: Σ log weight. The step is the same for every hypothesis."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     channel, log_weight = model.channels[c], 0.0
     if joins:
-        step2 = step_squared(here, channel.signal, joins)
+        step2 = step_squared(ctx, channel.signal, joins)
         log_weight = log_presence(step2, channel.least) + log_absence(step2, channel.still)
     add_to_all(state.sums[channel.field], state.channel[c], log_weight, lanes_of(state.counters[0].living))
 
 
 @compiled
-def turn_resistance(here, c, joins):
+def turn_resistance(ctx, c, joins):
     """`TurnResistance`. Field: Σ log weight. The step is the same for every hypothesis."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     channel, now, log_evidence = model.channels[c], state.now, 0.0
     if joins:
         along = torsion2 = about = force2 = 0.0
@@ -142,7 +142,7 @@ def turn_resistance(here, c, joins):
             torsion2 += now[TORSION + a] ** 2
             about += now[FORCE + a] * turned
             force2 += now[FORCE + a] ** 2
-        step2 = step_squared(here, ROTATION, joins)
+        step2 = step_squared(ctx, ROTATION, joins)
         if force2 < channel.force2 or about**2 >= channel.aligned2 * step2 * force2:
             against = max(-along / math.sqrt(step2 + channel.pace**2), 0.0)
             log_evidence = log_presence(against**2, channel.least) + log_absence(torsion2, channel.still)
@@ -150,9 +150,9 @@ def turn_resistance(here, c, joins):
 
 
 @compiled
-def no_contact_rise(here, c, joins):
+def no_contact_rise(ctx, c, joins):
     """`NoContactRise`. Fields: force before the start, largest rise."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     channel, living, evidence = model.channels[c], state.counters[0].living, state.channel[c]
     before, risen = state.sums[channel.field], state.sums[channel.field + 1]
     now = force_without_load(state.now, channel.heaviest)
@@ -174,15 +174,15 @@ def force_without_load(seen, heaviest):
 
 
 @compiled
-def dissipative_contact(here, c, joins):
+def dissipative_contact(ctx, c, joins):
     """`DissipativeContactWeight`. Field: log weight. The step is the same for every hypothesis."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     channel, now = model.channels[c], state.now
     force2 = along = 0.0
     for a in range(AXES):
         force2 += now[FORCE + a] ** 2
         along += now[FORCE + a] * (now[a] - state.previous[a]) if joins else 0.0
-    along /= math.sqrt(step_squared(here, 0, joins) + channel.pace**2)
+    along /= math.sqrt(step_squared(ctx, 0, joins) + channel.pace**2)
     driving2 = max(along, 0.0) ** 2
     log_evidence = log_presence(force2 - driving2, channel.least) + log_absence(driving2, channel.least)
     add_to_all(state.sums[channel.field], state.channel[c], log_evidence, lanes_of(state.counters[0].living))
@@ -197,15 +197,15 @@ def add_to_all(sums, log_evidence, value, lanes):
 
 
 @compiled
-def constant_level(here, c, joins):
+def constant_level(ctx, c, joins):
     """`ConstantLevel`. Fields: origin 3, y 3, Σy² 3."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     channel, lanes = model.channels[c], lanes_of(state.counters[0].living)
-    follow_origin(here, channel, joins)
-    fill_length(here, c, 0)
+    follow_origin(ctx, channel, joins)
+    fill_length(ctx, c, 0)
     for a in range(AXES):
         add_squares(state.sums[channel.field + 2 * AXES + a], state.work[SQUARES + a], lanes)
-    squares_log_evidence(here, channel, 0, state.channel[c])
+    squares_log_evidence(ctx, channel, 0, state.channel[c])
 
 
 @compiled
@@ -217,18 +217,18 @@ def add_squares(sums, values, lanes):
 
 
 @compiled
-def thesis_load_force(here, c):
+def thesis_load_force(ctx, c):
     """`ThesisLoadForce`. Fields: Σf 3, Σf² 3."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     channel, work, sums, lanes = model.channels[c], state.work, state.sums, lanes_of(state.counters[0].living)
     at = channel.field
-    fill_length(here, c, 0)
+    fill_length(ctx, c, 0)
     for a in range(AXES):
         z = state.now[channel.signal + a]
         add_to_all(sums[at + a], work[SQUARES + a], z, lanes)
         add_to_all(sums[at + AXES + a], work[SQUARES + a], z * z, lanes)
     squares_about_weight(work[SQUARES + 2], sums[at + 2], state.ages, channel.lightest, lanes)
-    squares_log_evidence(here, channel, 0, state.channel[c])
+    squares_log_evidence(ctx, channel, 0, state.channel[c])
 
 
 @compiled
@@ -240,9 +240,9 @@ def squares_about_weight(squares, totals, ages, lightest, lanes):
 
 
 @compiled
-def gripper_holding(here, c):
+def gripper_holding(ctx, c):
     """`GripperHoldingChain`. Fields: log evidence, and the last known state + 1, 0 before one."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     channel, now = model.channels[c], state.now[HOLDING]
     log_evidence, lanes, befores = (
         state.sums[channel.field],
@@ -259,9 +259,9 @@ def gripper_holding(here, c):
 
 
 @compiled
-def contact_mixture(here, c):
+def contact_mixture(ctx, c):
     """`ContactMixture`. Fields: Σf_z, log evidence, counts 3."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     me, channel, joint, z = state.counters[0], model.channels[c], state.scratch, state.now
     signal, totals, log_evidence = channel.signal, state.sums[channel.field], state.sums[channel.field + 1]
     counts = state.sums[channel.field + 2 : channel.field + 2 + STATES]
@@ -287,9 +287,9 @@ def contact_mixture(here, c):
 
 
 @compiled
-def constant_velocity(here, c):
+def constant_velocity(ctx, c):
     """`ConstantVelocity`. Fields: first 3, Σy 3, Σty 3, Σy² 3."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     me, channel = state.counters[0], model.channels[c]
     signal, step, kappa0 = channel.signal, channel.step, channel.kappa0
     sums = state.sums[channel.field : channel.field + 4 * AXES]
@@ -302,7 +302,7 @@ def constant_velocity(here, c):
         k = step**2 * n * (n - 1) * (2 * n - 1) / 6.0 + kappa0
         a = n + kappa0
         determinant = a * k - b * b
-        log_evidence = AXES * (by_length(here, c, n) - 0.5 * math.log(determinant))
+        log_evidence = AXES * (by_length(ctx, c, n) - 0.5 * math.log(determinant))
         for i in range(AXES):
             y = (state.now[signal + i] - sums[i, place]) / channel.unit
             sums[3 + i, place] += y

@@ -20,9 +20,9 @@ from caesura_service.numba_support.decorators import compiled
 
 
 @compiled
-def remember(here):
+def remember(ctx):
     """Compute `Window.remember`, before the observation is counted."""
-    state = state_at(here)
+    state = state_at(ctx)
     me = state.counters[0]
     now, size = me.count, state.window_evidence.shape[0]
     row = now % size
@@ -30,7 +30,7 @@ def remember(here):
     kinds = state.window_kinds[row]
     evidence[:] = -math.inf
     plain[:] = -math.inf
-    remember_links(here, row)
+    remember_links(ctx, row)
     state.window_opens[row] = now == me.opening
     for place in range(me.living - 1, -1, -1):
         start = starts[place]
@@ -45,9 +45,9 @@ def remember(here):
 
 
 @compiled
-def remember_links(here, row):
+def remember_links(ctx, row):
     """Store the links of the next start in this row."""
-    state = state_at(here)
+    state = state_at(ctx)
     for group in range(state.next.shape[1]):
         for i in range(2):
             state.window_priors[i, group, row] = state.next[i, group]
@@ -56,9 +56,9 @@ def remember_links(here, row):
 
 
 @compiled
-def keep_shares(here, start, group, starts, shares, n):
+def keep_shares(ctx, start, group, starts, shares, n):
     """Store, for a group of segments that may have ended before `start`, the probability of each start."""
-    state = state_at(here)
+    state = state_at(ctx)
     size = state.window_shares.shape[0]
     row = state.window_shares[start % size, group]
     row[:] = 0.0
@@ -69,9 +69,9 @@ def keep_shares(here, start, group, starts, shares, n):
 
 
 @compiled
-def link_next_start(here, start, free):
+def link_next_start(ctx, start, free):
     """Compute the next start's links, as `changepoint.evidence_window.link`, from the segments before it."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     ended, following, before = state.ended, state.next, state.next_before
     power = model.settings[0].power
     groups, row = ended.shape[1], start % state.window_evidence.shape[0]
@@ -101,9 +101,9 @@ def link_next_start(here, start, free):
 
 
 @compiled
-def smooth(here):
+def smooth(ctx):
     """Compute `Window.smoothed` of each observation in the window, from the living hypotheses' joints."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     me, begun, terms = state.counters[0], state.begun, state.terms
     size, groups = state.window_evidence.shape[0], begun.shape[0]
     now, span = me.count - 1, min(me.count, size)
@@ -142,43 +142,43 @@ def pass_back_probability(begun, shares, probability):
 
 
 @compiled
-def sum_from(here, start, before):
+def sum_from(ctx, start, before):
     """Compute `Window.sum_from`, and make the nodes of the starts after it."""
-    state = state_at(here)
+    state = state_at(ctx)
     me, size = state.counters[0], state.window_evidence.shape[0]
     for end in range(start, me.count):
         for earlier in range(max(0, me.count - size), start):
             state.window_evidence[end % size, :, earlier % size] = -math.inf
             state.window_plain[end % size, :, earlier % size] = -math.inf
-    begin_anew(here, start, before)
+    begin_anew(ctx, start, before)
     for end in range(start + 1, me.count + 1):
         for group in range(state.begun.shape[0]):
-            end_anew(here, start, end, group)
+            end_anew(ctx, start, end, group)
         free = end < me.count and state.window_free[end % size] == 1
-        link_next_start(here, end, free)
-        nodes_anew(here, start, end)
+        link_next_start(ctx, end, free)
+        nodes_anew(ctx, start, end)
         if end < me.count:
-            remember_links(here, end % size)
-    refer_anew(here, start)
+            remember_links(ctx, end % size)
+    refer_anew(ctx, start)
 
 
 @compiled
-def begin_anew(here, start, before):
+def begin_anew(ctx, start, before):
     """Make the nodes of the start again; with `before` known, every group descends from that one."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     row, groups = start % state.window_evidence.shape[0], state.begun.shape[0]
     for group in range(groups):
         if before != FREE:
             weight = 0.0 if state.window_free[row] else model.transition[before, group]
             state.window_priors[1, group, row] = state.window_ended[1, before, row] + weight
             state.window_before[group, row] = before
-        state.anew[0, group] = node_at(here, start, state.window_before[group, row])
+        state.anew[0, group] = node_at(ctx, start, state.window_before[group, row])
 
 
 @compiled
-def end_anew(here, start, end, group):
+def end_anew(ctx, start, end, group):
     """Sum again over the segmentations from `start` on that end before `end` with a segment of this group."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     power = model.settings[0].power
     size, priors, terms, starts = (
         state.window_evidence.shape[0],
@@ -202,30 +202,30 @@ def end_anew(here, start, end, group):
         starts[s - start] = s
     state.ended[1, group], state.ended_at[group] = best, chosen
     state.ended[0, group] = shares_of(terms, end - start)
-    keep_shares(here, end, group, starts, terms, end - start)
+    keep_shares(ctx, end, group, starts, terms, end - start)
 
 
 @compiled
-def nodes_anew(here, start, end):
+def nodes_anew(ctx, start, end):
     """Make the nodes of a later start, to `state.anew`: one for each group with a descendant."""
-    state = state_at(here)
+    state = state_at(ctx)
     size, nodes = state.window_evidence.shape[0], state.anew[end - start]
     for i in range(nodes.size):
-        before, node = state.next_before[i], node_made(here, nodes, i)
+        before, node = state.next_before[i], node_made(ctx, nodes, i)
         if i < nodes.size - 1 and state.next[1, i] == -math.inf:
             nodes[i] = FREE
         elif node != FREE:
-            nodes[i] = refer(here, node)
+            nodes[i] = refer(ctx, node)
         else:
             at = state.ended_at[before]
             kinds = state.window_kinds[(end - 1) % size, at % size]
-            nodes[i] = new_node(here, end, state.anew[at - start, before], before, kinds)
+            nodes[i] = new_node(ctx, end, state.anew[at - start, before], before, kinds)
 
 
 @compiled
-def refer_anew(here, start):
+def refer_anew(ctx, start):
     """Let hypotheses from `start` on, and the next one, refer to the new nodes."""
-    state = state_at(here)
+    state = state_at(ctx)
     me, anew, groups, size = (
         state.counters[0],
         state.anew,
@@ -237,13 +237,13 @@ def refer_anew(here, start):
         if at >= 0:
             for group in range(groups):
                 possible = state.window_priors[1, group, state.starts[place] % size] > -math.inf
-                node = refer(here, anew[at, group] if possible else FREE)
-                release(here, state.nodes[group, place])
+                node = refer(ctx, anew[at, group] if possible else FREE)
+                release(ctx, state.nodes[group, place])
                 state.nodes[group, place] = node
     for i in range(groups + 1):
-        node = refer(here, anew[me.count - start, i])
-        release(here, state.next_nodes[i])
+        node = refer(ctx, anew[me.count - start, i])
+        release(ctx, state.next_nodes[i])
         state.next_nodes[i] = node
     for end in range(me.count, start, -1):
         for i in range(groups + 1):
-            release(here, anew[end - start, i])
+            release(ctx, anew[end - start, i])

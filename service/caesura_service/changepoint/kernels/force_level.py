@@ -29,24 +29,24 @@ LOG_ODDS = CONTINUED + LEVEL  # fields of log (1 − q), and of log q − log m(
 
 
 @compiled
-def force_level(here, c):
+def force_level(ctx, c):
     """`FreeSpaceForce`, `LoadForce` and `ContinuedLevel`.
 
     Fields: Σw² 3, Σwc 3, Σc², Σ log absence; and where the level may go on: Σw² 3, Σwc 3, Σc², log odds 2.
     """
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     channel, me, evidence, sums = model.channels[c], state.counters[0], state.channel[c], state.sums
     at, newborn, lanes = channel.field, me.living - 1, lanes_of(me.living)
     absent = log_absence(squared_beyond_load(state.now, FORCE, channel), channel.absence)
     extend(sums[at + ABSENCE], absent, absent, newborn)
-    extend_level(here, channel, at, newborn)
-    level_evidence(here, c, at, 0, evidence)
+    extend_level(ctx, channel, at, newborn)
+    level_evidence(ctx, c, at, 0, evidence)
     if channel.memory:
         sums[at + LOG_ODDS, newborn], sums[at + LOG_ODDS + 1, newborn] = 0.0, -math.inf
-        extend_level(here, channel, at + CONTINUED, newborn)
+        extend_level(ctx, channel, at + CONTINUED, newborn)
         if me.count - me.opening >= channel.memory:
-            begin_continued_level(here, c, newborn)
-        level_evidence(here, c, at + CONTINUED, channel.memory, state.work[GOING_ON])
+            begin_continued_level(ctx, c, newborn)
+        level_evidence(ctx, c, at + CONTINUED, channel.memory, state.work[GOING_ON])
         mix_levels(
             evidence, state.work[GOING_ON], sums[at + LOG_ODDS], sums[at + LOG_ODDS + 1], state.work, lanes
         )
@@ -68,9 +68,9 @@ def squared_beyond_load(forces, first, channel):
 
 
 @compiled
-def extend_level(here, channel, at, newborn):
+def extend_level(ctx, channel, at, newborn):
     """Add the observation to the sums of a level; a new level begins with it."""
-    state = state_at(here)
+    state = state_at(ctx)
     sums, one = state.sums, (1.0 - channel.rho) * channel.white
     for a in range(AXES):
         z = state.now[FORCE + a]
@@ -89,18 +89,18 @@ def extend(sums, value, first, newborn):
 
 
 @compiled
-def level_evidence(here, c, at, before, evidence):
+def level_evidence(ctx, c, at, before, evidence):
     """Compute the log evidence of a level without the absence of contact.
 
     before: observations before each start that count, too.
     """
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     channel, work, sums, lanes = model.channels[c], state.work, state.sums, lanes_of(state.counters[0].living)
-    fill_length(here, c, before)
+    fill_length(ctx, c, before)
     for a in range(AXES):
         about_mean(work[SQUARES + a], sums[at + a], sums[at + TOTALS + a], sums[at + WEIGHTS], lanes)
-    squares_log_evidence(here, channel, before, evidence)
-    add_mean_density(here, channel, at, evidence, lanes)
+    squares_log_evidence(ctx, channel, before, evidence)
+    add_mean_density(ctx, channel, at, evidence, lanes)
 
 
 @compiled
@@ -111,9 +111,9 @@ def about_mean(squares, total_squares, totals, weights, lanes):
 
 
 @compiled
-def add_mean_density(here, channel, at, log_evidence, lanes):
+def add_mean_density(ctx, channel, at, log_evidence, lanes):
     """Add `mean_log_density` of the mean force, and the weight of the mean itself."""
-    state = state_at(here)
+    state = state_at(ctx)
     sums, work, axes = state.sums, state.work, 2 if channel.model == LOAD_FORCE else AXES
     weights, variances = sums[at + WEIGHTS], work[VARIANCE]
     for i in range(lanes):
@@ -157,9 +157,9 @@ def add_load(log_evidence, inside, totals, weights, variances, channel, lanes):
 
 
 @compiled
-def begin_continued_level(here, c, newborn):
+def begin_continued_level(ctx, c, newborn):
     """Let the second level of the newborn hypothesis begin with the observations before its start."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     channel, sums, past = model.channels[c], state.sums, state.past
     at, now, log_q = channel.field + CONTINUED, past.shape[0] - 1, channel.log_continued
     sums[at : at + LEVEL, newborn] = 0.0
@@ -168,7 +168,7 @@ def begin_continued_level(here, c, newborn):
         log_q += log_absence(squared_beyond_load(past[i], FORCES, channel), channel.absence)
     log_q += log_bias(sums, at, newborn, channel)
     log_q += log_presence(way_squared(past, now - channel.memory, now - 1), channel.away)
-    known = evidence_before(here, c, at, newborn)
+    known = evidence_before(ctx, c, at, newborn)
     add_past_observation(sums, at, newborn, past, now, channel, True)
     odds = channel.field + LOG_ODDS
     sums[odds, newborn], sums[odds + 1, newborn] = math.log1p(-math.exp(log_q)), log_q - known
@@ -199,9 +199,9 @@ def log_bias(sums, at, place, channel):
 
 
 @compiled
-def evidence_before(here, c, at, place):
+def evidence_before(ctx, c, at, place):
     """Return the log evidence of the observations before a start, without the absence of contact."""
-    model, sums = model_at(here), state_at(here).sums
+    model, sums = model_at(ctx), state_at(ctx).sums
     channel, weight = model.channels[c], sums[at + WEIGHTS, place]
     prior, squares, logs = channel.nu0 * channel.floor2, 0.0, 0.0
     variance = channel.bias2 + channel.floor2 / weight
@@ -219,7 +219,7 @@ def evidence_before(here, c, at, place):
         logs = math.log(prior + squares)
     values = channel.pooled * (channel.memory - channel.unvalued)
     groups = 1 if channel.joint else AXES
-    return result + groups * by_length(here, c, channel.memory) - 0.5 * (channel.nu0 + values) * logs
+    return result + groups * by_length(ctx, c, channel.memory) - 0.5 * (channel.nu0 + values) * logs
 
 
 @compiled

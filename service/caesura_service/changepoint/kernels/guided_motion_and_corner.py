@@ -23,18 +23,18 @@ MOST = 50.0  # of the logistic function's argument
 
 
 @compiled
-def guided_motion(here, c, joins):
+def guided_motion(ctx, c, joins):
     """`GuidedMotion`. Fields: Σ log (pace / w³), Σ log density of ε for each scale."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     channel, living = model.channels[c], state.counters[0].living
     sums = state.sums[channel.field : channel.field + DENSITIES + channel.shares]
     settled = max(OWN_STEPS, channel.burst_steps)
     old = living
     while old and state.ages[old - 1] <= settled:
         old -= 1
-    add_step(here, channel, sums, settled, 0, old)
+    add_step(ctx, channel, sums, settled, 0, old)
     for place in range(old, living):
-        add_step(here, channel, sums, int(state.ages[place]) - 1, place, place + 1)
+        add_step(ctx, channel, sums, int(state.ages[place]) - 1, place, place + 1)
     paced = log_presence(step_squared_at(state.past, 1, 0), channel.pace) if joins else 0.0
     left = log_presence(way_squared(state.past, PAST - 1 - channel.away_steps, PAST - 1), channel.away)
     for place in range(living):
@@ -49,9 +49,9 @@ def past_column(channel):
 
 
 @compiled
-def innovation(here, channel, n):
+def innovation(ctx, channel, n):
     """Return |ε|² and log w of the last step, for a segment that had n observations before it."""
-    past = state_at(here).past
+    past = state_at(ctx).past
     last = past.shape[0] - 1
     error2 = own2 = 0.0
     for a in range(AXES):
@@ -67,9 +67,9 @@ def innovation(here, channel, n):
 
 
 @compiled
-def add_step(here, channel, sums, n, first, last):
+def add_step(ctx, channel, sums, n, first, last):
     """Add the last step to the sums of hypotheses first to last (exclusive) with n observations before it."""
-    squared, log_scale = innovation(here, channel, n)
+    squared, log_scale = innovation(ctx, channel, n)
     for i in range(first, last):
         sums[WEIGHTS, i] -= AXES * log_scale
     for k in range(channel.shares):
@@ -119,9 +119,9 @@ def add_up(evidence, weights, peak, logs, log_count, lanes):
 
 
 @compiled
-def corner_weight(here, c):
+def corner_weight(ctx, c):
     """`CornerWeight`. Fields: log weight of each chord."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     channel, place, evidence = model.channels[c], state.counters[0].living - 1, state.channel[c]
     sums = state.sums[channel.field : channel.field + channel.chord_count]
     squared_steps(state.scratch, state.past, past_column(channel))

@@ -192,7 +192,7 @@ def _record_of_noise(noise: Noise) -> Record:
 
 def _profile_model(model: ProfileModel) -> Record:
     target, noise, maximum = model.target, model.noise, model.choice == "maximum"
-    even = model.library.calm == 1.0
+    even = model.library.rest_scale_ratio == 1.0
     best_only = maximum and even and not noise.joint and noise.shares == (0.0,)
     record = {
         "model": layout.PROFILE_MODEL,

@@ -15,9 +15,9 @@ def copy_row(target, source):
 
 
 @compiled
-def release(here, node):
+def release(ctx, node):
     """Decrease a node's reference count; at 0 free it and release its parent. The root stays."""
-    state = state_at(here)
+    state = state_at(ctx)
     if node == FREE:
         return
     state.node_references[node] -= 1
@@ -32,9 +32,9 @@ def release(here, node):
 
 
 @compiled
-def new_node(here, start, parent, group, kinds):
+def new_node(ctx, start, parent, group, kinds):
     """Return a new node with one reference, the caller's."""
-    state = state_at(here)
+    state = state_at(ctx)
     node = 0
     while state.node_start[node] != FREE:
         node += 1
@@ -49,9 +49,9 @@ def new_node(here, start, parent, group, kinds):
 
 
 @compiled
-def node_at(here, start, group):
+def node_at(ctx, start, group):
     """Return the node of a start after a segment of this group; FREE without one."""
-    state = state_at(here)
+    state = state_at(ctx)
     for node in range(state.node_start.shape[0]):
         if state.node_start[node] == start and state.node_group[node] == group:
             return node
@@ -59,12 +59,12 @@ def node_at(here, start, group):
 
 
 @compiled
-def node_made(here, nodes, i):
+def node_made(ctx, nodes, i):
     """Return the node that an earlier group of the next start has after the same segment.
 
     FREE without one.
     """
-    before, node = state_at(here).next_before, FREE
+    before, node = state_at(ctx).next_before, FREE
     for other in range(i):
         if before[other] == before[i] and nodes[other] != FREE:
             node = nodes[other]
@@ -72,21 +72,21 @@ def node_made(here, nodes, i):
 
 
 @compiled
-def refer(here, node):
+def refer(ctx, node):
     """Increase the node's reference count; return the node."""
-    state = state_at(here)
+    state = state_at(ctx)
     if node != FREE:
         state.node_references[node] += 1
     return node
 
 
 @compiled
-def settle_root(here):
+def settle_root(ctx):
     """Move the root to the latest node that all hypotheses, the next one included, have in common."""
-    state = state_at(here)
+    state = state_at(ctx)
     me = state.counters[0]
     while state.node_references[me.root] == 1:
-        child = only_child(here, me.root)
+        child = only_child(ctx, me.root)
         if child == FREE:
             return
         state.settled_start[me.settled] = state.node_start[me.root]
@@ -101,9 +101,9 @@ def settle_root(here):
 
 
 @compiled
-def only_child(here, node):
+def only_child(ctx, node):
     """Return a node whose parent is this one; FREE without one."""
-    state = state_at(here)
+    state = state_at(ctx)
     for other in range(state.node_start.shape[0]):
         if state.node_start[other] != FREE and state.node_parent[other] == node:
             return other

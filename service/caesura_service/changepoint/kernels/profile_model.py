@@ -49,39 +49,39 @@ PEAK, TOTAL, PRIORS, CONSTANTS = 5, 6, 7, 7 + MOST_SHARES
 
 
 @compiled
-def profile_model(here, c, joins):
+def profile_model(ctx, c, joins):
     """`ProfileModel`."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     channel, evidence = model.channels[c], state.channel[c]
-    follow_origin(here, channel, joins)
-    fill_length(here, c, 0)
+    follow_origin(ctx, channel, joins)
+    fill_length(ctx, c, 0)
     if channel.best_only:
-        explain_best(here, channel)
-        squares_log_evidence(here, channel, 0, state.channel[c])
+        explain_best(ctx, channel)
+        squares_log_evidence(ctx, channel, 0, state.channel[c])
     else:
-        fill_priors(here, channel)
-        explain_all(here, channel)
+        fill_priors(ctx, channel)
+        explain_all(ctx, channel)
         add_logs(evidence, state.work, lanes_of(state.counters[0].living))
     if channel.pace:
-        add_pace(here, channel, evidence, state.sums[channel.field + RATE_BOUNDS], joins)
+        add_pace(ctx, channel, evidence, state.sums[channel.field + RATE_BOUNDS], joins)
     if channel.reach2:
-        add_target(here, channel, evidence)
+        add_target(ctx, channel, evidence)
 
 
 @compiled
-def add_pace(here, channel, evidence, paces, joins):
+def add_pace(ctx, channel, evidence, paces, joins):
     """Add the last step's weight, one for all hypotheses, to `paces`, and `paces` to the evidence."""
-    state = state_at(here)
-    paced = log_presence(step_squared(here, channel.signal, joins), channel.pace) if joins else 0.0
+    state = state_at(ctx)
+    paced = log_presence(step_squared(ctx, channel.signal, joins), channel.pace) if joins else 0.0
     for i in range(lanes_of(state.counters[0].living)):
         paces[i] += paced
         evidence[i] += paces[i]
 
 
 @compiled
-def add_target(here, channel, evidence):
+def add_target(ctx, channel, evidence):
     """`DisplacementPrior.log_density`."""
-    state = state_at(here)
+    state = state_at(ctx)
     lanes, moved2, presence = lanes_of(state.counters[0].living), state.work[MOVED], state.work[PEAK]
     if channel.least:
         displacement_weight(presence, moved2, 0.5 / channel.least**2, lanes)
@@ -103,9 +103,9 @@ def displacement_weight(presence, moved2, narrow, lanes):
 
 
 @compiled
-def explain_best(here, channel):
+def explain_best(ctx, channel):
     """Compute the sum of squares that the best profile leaves on each axis, all precisions being 1."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     at, library, work = channel.field, channel.library, state.work
     end, before = model.profiles.shape[1] - 1, 0 if channel.origin == PREVIOUS else 1
     for place in range(state.counters[0].living):
@@ -149,9 +149,9 @@ def extrapolate(sums, last, step, beyond):
 
 
 @compiled
-def fill_priors(here, channel):
+def fill_priors(ctx, channel):
     """Compute for every share ν₀ times the squared scale, and the term that it adds to the log evidence."""
-    state = state_at(here)
+    state = state_at(ctx)
     lanes, half0 = lanes_of(state.counters[0].living), 0.5 * channel.nu0
     for s in range(channel.shares):
         prior, constant = state.work[PRIORS + s], state.work[CONSTANTS + s]
@@ -176,9 +176,9 @@ def multiply(values, factor, lanes):
 
 
 @compiled
-def explain_all(here, channel):
+def explain_all(ctx, channel):
     """Compute the log evidence over all profiles and shares from a sum of peaks and products of sums."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     end, before = model.profiles.shape[1] - 1, 0 if channel.origin == PREVIOUS else 1
     halves = 0.5 * channel.pooled
     half0 = 0.5 * channel.nu0 - halves * channel.explained
@@ -195,15 +195,15 @@ def explain_all(here, channel):
                     extrapolate(state.continued[0], norms, steps[0], last - end)
                     extrapolate(state.continued[1], scales, steps[1], last - end)
                     norms, scales = state.continued[0], state.continued[1]
-                explain(here, channel, place, group, b, table, norms)
-                peak = max(peak, weigh_block(here, channel, place, b, scales, half))
-            mix_profiles(here, channel, place, peak)
+                explain(ctx, channel, place, group, b, table, norms)
+                peak = max(peak, weigh_block(ctx, channel, place, b, scales, half))
+            mix_profiles(ctx, channel, place, peak)
 
 
 @compiled
-def explain(here, channel, place, group, b, table, norms):
+def explain(ctx, channel, place, group, b, table, norms):
     """Add a value of one axis or all to the sums of a block; compute the squares that each profile leaves."""
-    state = state_at(here)
+    state = state_at(ctx)
     new, ways, residuals = state.work[SQUARES:], state.sums[channel.field + Y :], state.residuals
     sums = state.profiles[channel.library, state.slots[place], b]
     squares, precisions, weighed = sums[AXES + group], table[PRECISION], table[WEIGHED]
@@ -260,9 +260,9 @@ def explain_by_one(residuals, moments, y):
 
 
 @compiled
-def weigh_block(here, channel, place, b, scales, half):
+def weigh_block(ctx, channel, place, b, scales, half):
     """Compute the log evidence of every profile of a block under every share; return the largest."""
-    state, peak = state_at(here), -math.inf
+    state, peak = state_at(ctx), -math.inf
     for s in range(channel.shares):
         prior, constant = state.work[PRIORS + s, place], state.work[CONSTANTS + s, place]
         evidence = state.log_evidence[b * channel.shares + s]
@@ -281,12 +281,12 @@ def weigh_each(evidence, residuals, scales, prior, constant, half):
 
 
 @compiled
-def mix_profiles(here, channel, place, peak):
+def mix_profiles(ctx, channel, place, peak):
     """Add the mixture or maximum over profiles and shares of a group to `work`: its peak and its sum.
 
     `log_evidence`: (blocks · shares, profiles); `work[PEAK]` adds the peak, `work[TOTAL]` multiplies the sum.
     """
-    state, total = state_at(here), 0.0
+    state, total = state_at(ctx), 0.0
     if not channel.maximum:
         for i in range(channel.blocks * channel.shares):
             total += total_of_block(state.log_evidence[i], peak)

@@ -52,9 +52,9 @@ def student(constant, nu, squared, scale2):
 
 
 @compiled
-def step_squared(here, signal, joins):
+def step_squared(ctx, signal, joins):
     """Return the squared length of the step from the observation before; 0 without one."""
-    state = state_at(here)
+    state = state_at(ctx)
     total = 0.0
     if joins:
         for a in range(AXES):
@@ -79,9 +79,9 @@ def add_values(sums, values, lanes):
 
 
 @compiled
-def by_length(here, c, n):
+def by_length(ctx, c, n):
     """Return the terms of the log evidence, on one group of axes, that depend on n samples alone."""
-    model = model_at(here)
+    model = model_at(ctx)
     if n < model.by_length.shape[1]:
         return model.by_length[c, n]
     channel = model.channels[c]
@@ -96,26 +96,26 @@ def by_length(here, c, n):
 
 
 @compiled
-def fill_length(here, c, before):
+def fill_length(ctx, c, before):
     """Fill `work[BY_LENGTH]` with the terms of each hypothesis' log evidence that depend on its length
     alone.
 
     before: observations before the start that count, too.
     """
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     groups = 1.0 if model.channels[c].joint else float(AXES)
     me, evidence = state.counters[0], state.work[BY_LENGTH]
     for i in range(me.living):
-        evidence[i] = groups * by_length(here, c, before + int(state.ages[i]))
+        evidence[i] = groups * by_length(ctx, c, before + int(state.ages[i]))
 
 
 @compiled
-def follow_origin(here, channel, joins):
+def follow_origin(ctx, channel, joins):
     """Compute the displacement from each hypothesis' origin, its innovation and its squared length.
 
     Fields: origin 3, y 3. The last hypothesis has just begun.
     """
-    state = state_at(here)
+    state = state_at(ctx)
     newborn, sums, work, at = state.counters[0].living - 1, state.sums, state.work, channel.field
     lanes = lanes_of(newborn + 1)
     work[MOVED, :lanes] = 0.0
@@ -150,12 +150,12 @@ def add_square(total, values, lanes):
 
 
 @compiled
-def squares_log_evidence(here, channel, before, evidence):
+def squares_log_evidence(ctx, channel, before, evidence):
     """Compute `Noise.log_evidence` of sums of squared residuals by hypothesis and axis, to `evidence`.
 
     The scale is the floor's; the terms that depend on length alone are those of `fill_length`.
     """
-    state = state_at(here)
+    state = state_at(ctx)
     lanes, prior = lanes_of(state.counters[0].living), channel.nu0 * channel.floor2
     x, y, z = state.work[SQUARES], state.work[SQUARES + 1], state.work[SQUARES + 2]
     if channel.joint:

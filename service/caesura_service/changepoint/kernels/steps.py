@@ -1,4 +1,4 @@
-"""One step of the filter: the implementation of `RunLengthFilter.step` and `RunLengthFilter.condition`."""
+"""One step of the filter: implements `RunLengthFilter.step` and `RunLengthFilter.condition_on_start`."""
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
@@ -31,10 +31,10 @@ REFUSED = -2
 
 
 @compiled
-def step(here, boundary, changepoint):
+def step(ctx, boundary, changepoint):
     """Process the observation `state.now`, all numbers of which except the last must be finite.
 
-    here: address of the table of arrays. boundary: whether it follows a gap. changepoint: 1 or 0 if it is
+    ctx: address of the table of arrays. boundary: whether it follows a gap. changepoint: 1 or 0 if it is
     known whether a segment starts here, else UNKNOWN. There must be space for one more hypothesis and one
     more node, and the model's tables must be long enough.
 
@@ -42,63 +42,63 @@ def step(here, boundary, changepoint):
     REFUSED, with no change, if a value is not finite. `counters.left` is the smoothed probability of the
     observation that left the window.
     """
-    state = state_at(here)
+    state = state_at(ctx)
     me = state.counters[0]
     for i in range(HOLDING):
         if not math.isfinite(state.now[i]):
             return 0, REFUSED
     me.settled = 0
     if me.count and (boundary or changepoint == 1):
-        link_next_start(here, me.count, True)
-        take_likeliest(here)
+        link_next_start(ctx, me.count, True)
+        take_likeliest(ctx)
     if boundary:
         while me.living:
-            drop_hypothesis(here, me.living - 1)
-    add_observation(here, changepoint)
-    prepare_next(here)
-    prune(here)
-    settle_root(here)
+            drop_hypothesis(ctx, me.living - 1)
+    add_observation(ctx, changepoint)
+    prepare_next(ctx)
+    prune(ctx)
+    settle_root(ctx)
     if me.count > state.smoothed.shape[0]:
         me.left = state.smoothed[0]
-    smooth(here)
-    return me.settled, latest_certain_start(here)
+    smooth(ctx)
+    return me.settled, latest_certain_start(ctx)
 
 
 @compiled
-def condition(here, start):
+def condition_on_start(ctx, start):
     """Condition on a segment that starts at `start`; needs space for a node per sample since."""
-    state = state_at(here)
+    state = state_at(ctx)
     me = state.counters[0]
     me.settled = 0
-    before = group_before(here, start)
-    keep_from(here, start, before)
+    before = group_before(ctx, start)
+    keep_from(ctx, start, before)
     if before == FREE:  # now that the best segmentation has this start
-        keep_from(here, start, group_before(here, start))
-    settle_root(here)
-    smooth(here)
+        keep_from(ctx, start, group_before(ctx, start))
+    settle_root(ctx)
+    smooth(ctx)
 
 
 @compiled
-def keep_from(here, start, before):
+def keep_from(ctx, start, before):
     """Compute `RunLengthFilter._sum_from`, and the joint probabilities of the remaining hypotheses."""
-    state = state_at(here)
+    state = state_at(ctx)
     me = state.counters[0]
-    sum_from(here, start, before)
+    sum_from(ctx, start, before)
     while me.living and state.starts[0] < start:
-        drop_hypothesis(here, 0)
+        drop_hypothesis(ctx, 0)
     for place in range(me.living):
         row = state.starts[place] % state.smoothed.shape[0]
         for group in range(state.nodes.shape[0]):
             state.priors[0, group, place] = state.window_priors[0, group, row]
             state.priors[1, group, place] = state.window_priors[1, group, row]
-    compute_joints(here)
+    compute_joints(ctx)
 
 
 @compiled
-def group_before(here, start):
+def group_before(ctx, start):
     """Return `RunLengthFilter._group_before`; FREE if the best segmentation has no such start."""
-    state = state_at(here)
-    node = best_node(here)
+    state = state_at(ctx)
+    node = best_node(ctx)
     while node != state.counters[0].root and node != FREE:
         if state.node_start[node] == start:
             return state.node_group[node]
@@ -107,14 +107,14 @@ def group_before(here, start):
 
 
 @compiled
-def drop_hypothesis(here, place):
+def drop_hypothesis(ctx, place):
     """Remove the hypothesis at `place`, and move the later ones forward."""
-    state = state_at(here)
+    state = state_at(ctx)
     me = state.counters[0]
     me.living -= 1
     living, slot, rows, nodes = me.living, state.slots[place], state.rows, state.nodes
     for group in range(nodes.shape[0]):
-        release(here, nodes[group, place])
+        release(ctx, nodes[group, place])
         for i in range(place, living):
             nodes[group, i] = nodes[group, i + 1]
     for i in range(place, living):
@@ -133,9 +133,9 @@ def move_up(values, first, last):
 
 
 @compiled
-def add_observation(here, changepoint):
+def add_observation(ctx, changepoint):
     """Update every hypothesis with the observation, and add one that starts at it."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     me = state.counters[0]
     joins, newborn = me.living > 0, me.living
     if not joins:
@@ -143,27 +143,27 @@ def add_observation(here, changepoint):
     is_first_step = model.settings[0].stepwise == 1 and me.count == me.opening + 1 and changepoint != 1
     if is_first_step:
         newborn = 0
-        forget_next(here)
+        forget_next(ctx)
     else:
         me.living += 1
         state.starts[newborn] = me.count
-        place_next_start(here, newborn)
-    append_to_past(here, joins)
+        place_next_start(ctx, newborn)
+    append_to_past(ctx, joins)
     state.sums[:, newborn] = 0.0
     state.profiles[:, state.slots[newborn]] = 0.0
-    count_ages(here)
+    count_ages(ctx)
     for c in range(model.channels.shape[0]):
-        update_channel(here, c, joins)
-    weigh_kinds(here)
+        update_channel(ctx, c, joins)
+    weigh_kinds(ctx)
     if changepoint == 1:
         while me.living > 1:
-            drop_hypothesis(here, 0)
+            drop_hypothesis(ctx, 0)
     elif changepoint == 0 and me.living > 1:
-        drop_hypothesis(here, me.living - 1)
+        drop_hypothesis(ctx, me.living - 1)
         state.next[:] = -math.inf
     elif is_first_step:
         state.next[:] = -math.inf
-    remember(here)
+    remember(ctx)
     copy_row(state.previous, state.now)
     me.count += 1
 
@@ -177,12 +177,12 @@ def hazard_row(state, place):
 
 
 @compiled
-def count_ages(here):
+def count_ages(ctx):
     """Count the observations of each segment.
 
     With step models the first one of a recording, or after a gap, has no step and is omitted.
     """
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     me = state.counters[0]
     for place in range(me.living):
         start = state.starts[place]
@@ -191,32 +191,32 @@ def count_ages(here):
 
 
 @compiled
-def forget_next(here):
+def forget_next(ctx):
     """Release the nodes of the next start."""
-    state = state_at(here)
+    state = state_at(ctx)
     for i in range(state.next_nodes.size):
-        release(here, state.next_nodes[i])
+        release(ctx, state.next_nodes[i])
 
 
 @compiled
-def place_next_start(here, place):
+def place_next_start(ctx, place):
     """Move the priors and nodes of the next start to the hypothesis at `place`."""
-    state = state_at(here)
+    state = state_at(ctx)
     groups = state.nodes.shape[0]
     for group in range(groups):
         node, best = state.next_nodes[group], state.next[1, group]
         state.priors[0, group, place], state.priors[1, group, place] = state.next[0, group], best
         if best == -math.inf:
-            release(here, node)
+            release(ctx, node)
             node = FREE
         state.nodes[group, place] = node
-    release(here, state.next_nodes[groups])
+    release(ctx, state.next_nodes[groups])
 
 
 @compiled
-def append_to_past(here, joins):
+def append_to_past(ctx, joins):
     """Append the observation to `state.past`; the first observation fills it completely."""
-    state = state_at(here)
+    state = state_at(ctx)
     past = state.past
     last = past.shape[0] - 1
     for i in range(last + 1):
@@ -227,28 +227,28 @@ def append_to_past(here, joins):
 
 
 @compiled
-def weigh_kinds(here):
+def weigh_kinds(ctx):
     """Compute `SegmentModelSet.kind_log_evidence` and `combine`."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     lanes, kinds, plain = lanes_of(state.counters[0].living), state.kinds, state.plain
     for k in range(kinds.shape[0]):
         kinds[k, :lanes] = model.log_weight[k]
         for c in range(model.members.shape[1]):
             if model.members[k, c]:
                 add_values(kinds[k], state.channel[c], lanes)
-    combine_groups(here, plain, 1.0, lanes)
+    combine_groups(ctx, plain, 1.0, lanes)
     power = model.settings[0].power
     if power != 1.0:
-        combine_groups(here, state.evidence, power, lanes)
+        combine_groups(ctx, state.evidence, power, lanes)
     else:
         for group in range(plain.shape[0]):
             copy_values(state.evidence[group], plain[group], lanes)
 
 
 @compiled
-def combine_groups(here, evidence, power, lanes):
+def combine_groups(ctx, evidence, power, lanes):
     """Compute `SegmentModelSet.combine` of the kinds' evidence to some power."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     kinds, total, each = state.kinds, state.work[0], state.work[1]
     evidence[:, :lanes] = -math.inf
     for k in range(kinds.shape[0]):
@@ -297,9 +297,9 @@ def subtract_largest(difference, values, largest, lanes):
 
 
 @compiled
-def prepare_next(here):
+def prepare_next(ctx):
     """Compute the sum and maximum over segments that end now, by group, and the links of the next start."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     me, terms, power = state.counters[0], state.terms, model.settings[0].power
     for group in range(state.nodes.shape[0]):
         best, chosen = -math.inf, 0
@@ -311,53 +311,53 @@ def prepare_next(here):
                 best, chosen = score, place
         state.ended[1, group], state.ended_at[group] = best, chosen
         state.ended[0, group] = shares_of(terms, me.living)
-        keep_shares(here, me.count, group, state.starts, terms, me.living)
-    link_next_start(here, me.count, False)
-    make_nodes(here)
+        keep_shares(ctx, me.count, group, state.starts, terms, me.living)
+    link_next_start(ctx, me.count, False)
+    make_nodes(ctx)
 
 
 @compiled
-def make_nodes(here):
+def make_nodes(ctx):
     """Make the next start's nodes, one for each group with a descendant."""
-    state = state_at(here)
+    state = state_at(ctx)
     count, nodes = state.counters[0].count, state.next_nodes
     for i in range(nodes.size):
-        before, node = state.next_before[i], node_made(here, nodes, i)
+        before, node = state.next_before[i], node_made(ctx, nodes, i)
         if i < nodes.size - 1 and state.next[1, i] == -math.inf:
             nodes[i] = FREE
         elif node != FREE:
-            nodes[i] = refer(here, node)
+            nodes[i] = refer(ctx, node)
         else:
             at = state.ended_at[before]
-            nodes[i] = new_node(here, count, state.nodes[before, at], before, state.kinds[:, at])
+            nodes[i] = new_node(ctx, count, state.nodes[before, at], before, state.kinds[:, at])
 
 
 @compiled
-def take_likeliest(here):
+def take_likeliest(ctx):
     """Let every group of the next start descend from the likeliest segment that ends there."""
-    state = state_at(here)
+    state = state_at(ctx)
     groups = state.nodes.shape[0]
     for group in range(groups):
-        release(here, state.next_nodes[group])
-        state.next_nodes[group] = refer(here, state.next_nodes[groups])
+        release(ctx, state.next_nodes[group])
+        state.next_nodes[group] = refer(ctx, state.next_nodes[groups])
 
 
 @compiled
-def compute_joints(here):
+def compute_joints(ctx):
     """Compute `RunLengthFilter.log_joint`."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     me, pairs, power = state.counters[0], state.pairs, model.settings[0].power
     for place in range(me.living):
         survived = power * model.log_survival[hazard_row(state, place), me.count - 1 - state.starts[place]]
         for group in range(pairs.shape[0]):
             pairs[group, place] = state.priors[0, group, place] + survived + state.evidence[group, place]
-        sum_pairs(here, place)
+        sum_pairs(ctx, place)
 
 
 @compiled
-def sum_pairs(here, place):
+def sum_pairs(ctx, place):
     """Compute the log joint of a hypothesis, summed over its groups, to `state.joint`."""
-    state = state_at(here)
+    state = state_at(ctx)
     pairs, peak, total = state.pairs, -math.inf, 0.0
     for group in range(pairs.shape[0]):
         peak = max(peak, pairs[group, place])
@@ -367,18 +367,18 @@ def sum_pairs(here, place):
 
 
 @compiled
-def prune(here):
+def prune(ctx):
     """Drop hypotheses of negligible probability, and compute the joints of the others."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     me, settings = state.counters[0], model.settings[0]
-    compute_joints(here)
+    compute_joints(ctx)
     least = largest_of(state.joint, me.living) + settings.log_prune
     before = me.living
     for place in range(before - settings.keep_youngest - 1, -1, -1):
         if not state.joint[place] >= least:
-            drop_hypothesis(here, place)
+            drop_hypothesis(ctx, place)
         else:
-            drop_pairs(here, place, least)
+            drop_pairs(ctx, place, least)
     if me.living > settings.cap:
         me.capped += 1
     while me.living > settings.cap:
@@ -386,32 +386,32 @@ def prune(here):
         for place in range(1, me.living - settings.keep_youngest):
             if state.joint[place] < state.joint[least_at]:
                 least_at = place
-        drop_hypothesis(here, least_at)
+        drop_hypothesis(ctx, least_at)
 
 
 @compiled
-def drop_pairs(here, place, least):
+def drop_pairs(ctx, place, least):
     """Drop the groups of a hypothesis whose joint probability is below `least`."""
-    state = state_at(here)
+    state = state_at(ctx)
     for group in range(state.nodes.shape[0]):
         if state.pairs[group, place] < least:
             state.priors[0, group, place] = state.priors[1, group, place] = -math.inf
             state.pairs[group, place] = -math.inf
-            release(here, state.nodes[group, place])
+            release(ctx, state.nodes[group, place])
             state.nodes[group, place] = FREE
-    sum_pairs(here, place)
+    sum_pairs(ctx, place)
 
 
 # --- what is certain ------------------------------------------------------------------------------------
 
 
 @compiled
-def latest_certain_start(here):
+def latest_certain_start(ctx):
     """Return the latest start of the best segmentation that is certain and not yet final; -1 without one."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     me, settings = state.counters[0], model.settings[0]
     oldest, youngest = me.count - settings.window, me.count - 1 - settings.certain_after
-    node = best_node(here)
+    node = best_node(ctx)
     after = me.count  # the start that follows in the path; count is none
     while node not in (me.root, FREE):
         start, parent = state.node_start[node], state.node_parent[node]
@@ -419,23 +419,23 @@ def latest_certain_start(here):
             return -1
         if start <= youngest:
             others = (state.node_start[parent], after)
-            if event_probability(here, start, others) > settings.certain:
+            if event_probability(ctx, start, others) > settings.certain:
                 return start
         after, node = start, parent
     return -1
 
 
 @compiled
-def best_node(here):
+def best_node(ctx):
     """Return the node of the best segmentation's last segment, at its start."""
-    place, group = best_pair(here)
-    return state_at(here).nodes[group, place]
+    place, group = best_pair(ctx)
+    return state_at(ctx).nodes[group, place]
 
 
 @compiled
-def best_pair(here):
+def best_pair(ctx):
     """Return place and group of the last segment of the best segmentation."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     me = state.counters[0]
     best, chosen, of_group = -math.inf, 0, 0
     for place in range(me.living):
@@ -448,15 +448,15 @@ def best_pair(here):
 
 
 @compiled
-def write_segmentation(here, path):
+def write_segmentation(ctx, path):
     """Write start, and number of the best kind of its group, of each segment of the best segmentation.
 
     path: (n, 2), n one more than the number of nodes; the latest segment first. Returns the number of
     segments.
     """
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     me = state.counters[0]
-    place, group = best_pair(here)
+    place, group = best_pair(ctx)
     path[0, 0], path[0, 1] = state.starts[place], best_kind(state.kinds[:, place], model.groups, group)
     node, n = state.nodes[group, place], 1
     while node not in (me.root, FREE):
@@ -478,9 +478,9 @@ def best_kind(kinds, groups, group):
 
 
 @compiled
-def event_probability(here, start, others):
+def event_probability(ctx, start, others):
     """Return `RunLengthFilter.event_probability` of a start in the window with no decided start nearby."""
-    state = state_at(here)
+    state = state_at(ctx)
     me = state.counters[0]
     first = max(0, me.count - state.smoothed.shape[0])
     total = 0.0

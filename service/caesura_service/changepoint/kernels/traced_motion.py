@@ -20,9 +20,9 @@ SQUARED, LOGS = 0, 1  # rows of the work
 
 
 @compiled
-def traced_motion(here, c):
+def traced_motion(ctx, c):
     """`TracedMotion`. Fields: Σ log weight, Σ log density of e for each scale, m 3, C, at first 0."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     channel, living, work = model.channels[c], state.counters[0].living, state.work
     sums, lanes = state.sums[channel.field : channel.field + SPREAD + 1], lanes_of(living)
     follow_velocity(channel, state.past, sums, work[SQUARED], work[LOGS], living)

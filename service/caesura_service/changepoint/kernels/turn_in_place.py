@@ -17,15 +17,15 @@ SMALL_ANGLE_RAD = 1e-6
 
 
 @compiled
-def turn_in_place(here, c):
+def turn_in_place(ctx, c):
     """`TurnInPlace`. Fields: start 3, triangle row by row 4 + 3 + 2, squares left, Σ log w, Σ log weight."""
-    model, state = model_at(here), state_at(here)
+    model, state = model_at(ctx), state_at(ctx)
     channel, living, past = model.channels[c], state.counters[0].living, state.past
     sums, last = state.sums[channel.field : channel.field + 15], past.shape[0] - 1
     begin(sums, living - 1, past[last - 1], channel)
     add_step(sums, state.work, past, channel, lanes_of(living))
-    fill_length(here, c, 0)
-    regress(here, channel, sums, state.channel[c])
+    fill_length(ctx, c, 0)
+    regress(ctx, channel, sums, state.channel[c])
 
 
 @compiled
@@ -83,9 +83,9 @@ def rotate(sums, work, k, lanes):
         cosine, sine = diagonal / length, coefficient / length
         sums[at, i] = length
         for j in range(1, AXES + 1 - k):
-            above, here = sums[at + j, i], work[ROW + k + j, i]
-            sums[at + j, i] = cosine * above + sine * here
-            work[ROW + k + j, i] = cosine * here - sine * above
+            above, ctx = sums[at + j, i], work[ROW + k + j, i]
+            sums[at + j, i] = cosine * above + sine * ctx
+            work[ROW + k + j, i] = cosine * ctx - sine * above
 
 
 @compiled
@@ -106,9 +106,9 @@ def rotation_less_identity(u, v, w, first, second):
 
 
 @compiled
-def regress(here, channel, sums, evidence):
+def regress(ctx, channel, sums, evidence):
     """Compute `TurnInPlace.log_evidence`; `fill_length` has stored the terms that depend on length alone."""
-    state = state_at(here)
+    state = state_at(ctx)
     work, lanes = state.work, lanes_of(state.counters[0].living)
     x, y, z = DIAGONAL
     for i in range(lanes):

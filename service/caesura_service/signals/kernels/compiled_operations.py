@@ -215,8 +215,8 @@ def openings(rows, before, opened, measured, closed_below, recent, grips):
 
 
 @compiled
-def fit(rows, centre, taps, moving, both):
-    """Compute as `numpy_operations.fit`."""
+def fit_polynomials(rows, centre, taps, moving, both):
+    """Compute as `numpy_operations.fit_polynomials`."""
     window = taps.shape[1]
     first = centre - window // 2
     value, slope = both[0], both[1]
@@ -278,8 +278,8 @@ def boundary_row(speeds, first, last, creep, rest):
 
 
 @compiled
-def finish(x, y, z, oriented, row):
-    """Compute as `numpy_operations.finish`."""
+def subtract_bias_and_normalise(x, y, z, oriented, row):
+    """Compute as `numpy_operations.subtract_bias_and_normalise`."""
     row[FORCE] -= x
     row[FORCE + 1] -= y
     row[FORCE + 2] -= z

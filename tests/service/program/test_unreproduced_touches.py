@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import App
-from caesura_service.program import Moment, MomentAt, missed_touches_note
+from caesura_service.program import Moment, MomentAt, unreproduced_touches_note
 from harness.programs import app, move
 from service.program.segments import moment_at
 
@@ -31,7 +31,7 @@ def felt(*touches: tuple[float, float, float], drift_n: float = 0.0, turn: NDArr
 
 
 def note(at: MomentAt, apps: tuple[App, ...] = WAY) -> str | None:
-    return missed_touches_note(apps, at, 0.0, 10.0)
+    return unreproduced_touches_note(apps, at, 0.0, 10.0)
 
 
 def test_lines_that_a_pen_draws_lightly_are_named() -> None:
@@ -71,7 +71,7 @@ def test_a_force_that_turns_has_its_size() -> None:
 
 def test_of_many_the_strongest_are_named() -> None:
     touches = [(3.0 + 0.5 * k, 2.5 * k + 1.0, 2.5 * k + 1.6) for k in range(7)]
-    found = missed_touches_note(WAY, felt(*touches), 0.0, 19.9)
+    found = unreproduced_touches_note(WAY, felt(*touches), 0.0, 19.9)
     assert found is not None
     assert "6.0 N" in found
     assert "3.0 N" not in found
@@ -86,4 +86,4 @@ def test_what_is_named_does_not_depend_on_the_base_frame() -> None:
 
 def test_a_demonstration_without_a_force_has_no_note() -> None:
     assert note(moment_at) is None
-    assert missed_touches_note((), felt(), 0.0, 0.1) is None
+    assert unreproduced_touches_note((), felt(), 0.0, 0.1) is None

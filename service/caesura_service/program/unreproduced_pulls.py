@@ -18,7 +18,7 @@ from caesura_service.program.program_segment import UNLIKE_N, MomentAt, observed
 PULLED_LOOKS = 5  # observations in a row, half a second: what is lifted or set down touches for less
 
 
-def missed_pulls_note(apps: Iterable[App], moment_at: MomentAt, up: Vector = UP) -> str | None:
+def unreproduced_pulls_note(apps: Iterable[App], moment_at: MomentAt, up: Vector = UP) -> str | None:
     """Return a note on the forces of carries that their loads do not explain; None without one.
 
     up: away from gravity, base frame.

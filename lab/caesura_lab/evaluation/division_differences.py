@@ -1,4 +1,4 @@
-"""Two programs compared where they divide one movement otherwise.
+"""Compares how two programs divide the same movement into apps, and whether the motion differs there.
 
 A corner may be a boundary in one of two recordings of the same movement. So apps in the air that follow each
 other count as one movement, and so do those of a carry with one load. A division that only one program states

@@ -52,7 +52,7 @@ class _Motion(NamedTuple):
         return f"the fingers from {widths} {when}"
 
 
-def missed_finger_motion(
+def unreproduced_finger_motion(
     times: Array,
     openings: Array,
     grips: Sequence[GripperAction],

@@ -60,7 +60,7 @@ class LiveElement(Element, esm={PACKAGE: str(WEB)}):
         self._sent[self._number] = time.monotonic()
         self.run_method("take", self._number, payload)
 
-    def allow(self, *, editable: bool, why: str = "") -> None:
+    def set_editable(self, *, editable: bool, why: str = "") -> None:
         """Make the component editable or read-only. why: a sentence on the reason for read-only."""
         if (self._props.get("editable"), self._props.get("why", "")) != (editable, why):
             self._props |= {"editable": editable, "why": why}
@@ -135,7 +135,7 @@ class RecordingDrop(LiveElement, component="web/recordings.js"):
         self._props |= known
         self.on("ask", on_ask)
 
-    def looked(self, found: dict[str, Any]) -> None:
+    def show_questions(self, found: dict[str, Any]) -> None:
         """Show the open questions of a recording."""
         self.run_method("looked", found)
 
@@ -263,8 +263,8 @@ class SessionView(LiveElement, component="web/session_view.js"):
             self.send(payload | more)
         self._known = known
 
-    def standing(self, update: Update) -> dict[str, Any]:
-        """Return the changed ones of revision, undo, redo and corrections."""
+    def changed_edit_state(self, update: Update) -> dict[str, Any]:
+        """Return those of revision, undo, redo and corrections that changed since the last call."""
         stands: dict[str, Any] = {
             name: getattr(update.status, name) for name in ("session", "revision", "undoable", "redoable")
         }

@@ -48,7 +48,7 @@ def title(seeds: range) -> str:
     """Return the title: what was measured, and within which limits."""
     return (
         f"suite thesis: seeds {seeds[0]} to {seeds[-1]}; boundaries within {TOLERANCE_S:g} s; "
-        f"a row passes with {PASSES:.0%} of them"
+        f"a row passes if {PASSES:.0%} of them reproduce it, an online row also within its delays"
     )
 
 
@@ -92,7 +92,7 @@ def _values(columns: list[str], report: Report, of: list[ThesisRow]) -> Grid:
         for i, value in enumerate(row.values)
     )
     return Grid(
-        "force that a segment ends with, load in it: medians where every boundary is right",
+        "force at the end of a segment, load in it: medians of the seeds with all boundaries right",
         ("row", "segment", "thesis", *columns),
         rows,
     )
@@ -120,7 +120,7 @@ def _online(columns: list[str], report: Report, of: list[ThesisRow]) -> Grid:
             cycles = (f"{one.cycle_ms:.1f} ms" for one in summaries)
             rows.append((row.name, "a cycle", f"{row.cycle_ms} ms", *cycles))
     return Grid(
-        "online: median delay until a boundary is there for good, share that shows it",
+        "online: median delay until a boundary is shown permanently, share of the seeds that show it",
         ("row", "boundary", "thesis", *columns),
         tuple(rows),
     )

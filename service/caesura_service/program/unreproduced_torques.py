@@ -28,7 +28,7 @@ TWIST_NM = 0.5  # a tip of 2 cm that rubs under 40 N has as much
 BESIDE_S = 0.4  # before and after a rest, in which the torque is that of weights
 
 
-def missed_torques_note(
+def unreproduced_torques_note(
     apps: Iterable[App],
     torques_between: Callable[[float, float], Array],
     began: float = 0.0,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from caesura_protocol.formats.csv_layout_detection import guessed, read_layout, with_turns
-from caesura_protocol.formats.foreign_csv import SIGNAL_OF_COLUMN
+from caesura_protocol.formats.csv_read_mapped import SIGNAL_OF_COLUMN
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import RecordingError, UnknownColumnsError
 

@@ -115,7 +115,7 @@ def controls(world: DashboardState, station: str, *, may_operate: bool) -> dict[
     }
 
 
-def only_reads(what: str) -> str:
+def read_only_reason(what: str) -> str:
     """Return why a read-only dashboard refuses an act. what: the act, with `need` or `needs`."""
     return f"This dashboard only reads: {what} an operator's credentials."
 
@@ -132,7 +132,7 @@ def _why_not_start(
     }
     reasons = (
         (station not in world.stations(), _unknown(world, station)),
-        (not may_operate, only_reads("start and stop need")),
+        (not may_operate, read_only_reason("start and stop need")),
         (station not in world.bridges, _without_bridge(world, station)),
         (
             status is None,

@@ -26,7 +26,7 @@ WHY_STUCK = (
 )
 
 
-class RouterWatch(BackgroundThread):
+class RouterProbe(BackgroundThread):
     """Declares something again and again while the context lasts, and measures how long that takes."""
 
     def __init__(
@@ -65,7 +65,7 @@ class RouterWatch(BackgroundThread):
             self._woken.wait(self._pause_s)
 
 
-def router_watch(network: Network, instance: str) -> RouterWatch:
+def router_probe(network: Network, instance: str) -> RouterProbe:
     """Return the watch of a router by the session of an instance."""
     key = f"{service_key(instance, 'status')}/watch"  # it has no publisher
-    return RouterWatch(lambda: network.declare_subscriber(key, 1))
+    return RouterProbe(lambda: network.declare_subscriber(key, 1))

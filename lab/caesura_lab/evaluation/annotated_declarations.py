@@ -11,7 +11,7 @@ from caesura_protocol.recording import Recording
 WITH_HAND = "flange_sensor_with_hand"
 
 
-def with_declarations(recording: Recording, truth: Truth) -> Recording:
+def with_annotated_declarations(recording: Recording, truth: Truth) -> Recording:
     """Add the annotation's declarations on wrench and hand if the recording states none.
 
     An annotation with the hand in the wrench turns `flange_sensor`, stated or not, into

@@ -1,6 +1,6 @@
-"""Computes what the poses of a path miss of the motion: between them, and of the cubic through them.
+"""Computes the errors of a path with ten poses a second: of their cubic, and of the motion between them.
 
-A program's path has the pose of each observation, ten a second. The motion between two of them is the cubic
+A program's path has the pose of each observation. The motion between two of them is the cubic
 with their velocities, or what the samples show there.
 """
 
@@ -23,7 +23,7 @@ POSES = 4  # the cubic through them is compared with the movement between the mi
 TURNS_BACK = 0.1  # of the way between two poses, that a movement goes back before or after them
 
 
-class PathErrors(NamedTuple):
+class InterpolationErrors(NamedTuple):
     """The greatest errors of four poses against the motion between the middle two."""
 
     path_m: float = 0.0  # of the cubic with their velocities
@@ -32,14 +32,16 @@ class PathErrors(NamedTuple):
     shaken_rad: float = 0.0  # likewise, of the turn
 
 
-NO_ERRORS = PathErrors()
+NO_ERRORS = InterpolationErrors()
 
 
-def path_errors(poses: tuple[ObservedPose, ...], tolerance_m: float, tolerance_rad: float) -> PathErrors:
-    """Return what four poses miss; 0 for fewer, or if a bound shows that no error reaches its tolerance."""
+def interpolation_errors(
+    poses: tuple[ObservedPose, ...], tolerance_m: float, tolerance_rad: float
+) -> InterpolationErrors:
+    """Return the errors of four poses; 0 for fewer, or if a bound shows that each is within its tolerance."""
     if len(poses) < POSES or _are_within(poses, tolerance_m, tolerance_rad):
         return NO_ERRORS
-    return PathErrors(path_error(poses), turn_error(poses), *off_cubic(poses))
+    return InterpolationErrors(path_error(poses), turn_error(poses), *deviation_between_poses(poses))
 
 
 def _are_within(poses: tuple[ObservedPose, ...], tolerance_m: float, tolerance_rad: float) -> bool:
@@ -101,7 +103,7 @@ def turn_error(poses: tuple[ObservedPose, ...]) -> float:
     return 2.0 * _missed(turns, (rates[1], rates[2]), poses[2].t - poses[1].t)
 
 
-def off_cubic(poses: tuple[ObservedPose, ...]) -> tuple[float, float]:
+def deviation_between_poses(poses: tuple[ObservedPose, ...]) -> tuple[float, float]:
     """Return how far the flange was from the cubic through four poses between the middle two, [m] and [rad].
 
     0 for fewer poses. Shaking passes through ten poses a second with nearly any velocity, so it is seen

@@ -40,7 +40,7 @@ class _Touch(NamedTuple):
         return f"{fixed(self.newton, 1)} N at {interval(self.t0, self.tn, 1)} s"
 
 
-def missed_touches_note(
+def unreproduced_touches_note(
     apps: Iterable[App],
     moment_at: MomentAt,
     began: float,

@@ -91,7 +91,7 @@ class CsvTable(NamedTuple):
     stated: dict[str, str]  # by the comments
 
 
-def read_foreign_csv(path: Path, mapped: ColumnMapping) -> RawRecording:
+def read_mapped_csv(path: Path, mapped: ColumnMapping) -> RawRecording:
     """Return the signals that the mapping names.
 
     Raises RecordingError; for a missing column it names that one and lists the existing ones.

@@ -8,7 +8,7 @@ import threading
 
 import pytest
 
-from caesura_service.server.router_watch import WHY_STUCK, RouterWatch
+from caesura_service.server.router_probe import WHY_STUCK, RouterProbe
 from harness.peer import Peer
 from harness.processes import eventually, started
 
@@ -16,9 +16,9 @@ ROUTER = """
 import threading
 from caesura_service.server import NetworkSettings
 from caesura_service.server.network_join import join
-from caesura_service.server.router_watch import RouterWatch
+from caesura_service.server.router_probe import RouterProbe
 network, endpoint = join(NetworkSettings(listen="tcp/127.0.0.1:0"), threading.Event())
-with RouterWatch(lambda: network.declare_subscriber("watch", 1), pause_s=0.05, stuck_s=1.0) as watch:
+with RouterProbe(lambda: network.declare_subscriber("watch", 1), pause_s=0.05, stuck_s=1.0) as watch:
     print(endpoint, flush=True)
     while not watch.is_stuck:
         threading.Event().wait(0.05)
@@ -46,7 +46,7 @@ class WaitingRouter:
 def test_a_router_is_stuck_from_a_declaration_that_takes_long_until_it_ends(caplog: pytest.LogCaptureFixture):
     router = WaitingRouter()
     try:
-        with RouterWatch(router.declare, pause_s=0.0, stuck_s=2.0) as watch:
+        with RouterProbe(router.declare, pause_s=0.0, stuck_s=2.0) as watch:
             router.asked.wait()
             watch.update(1.0)
             assert not watch.is_stuck

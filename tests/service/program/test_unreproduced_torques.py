@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import App, ScrewMotion
-from caesura_service.program import missed_torques_note
+from caesura_service.program import unreproduced_torques_note
 from harness.programs import app, path_from
 
 Array = NDArray[np.float64]
@@ -26,23 +26,23 @@ def held(newton_metres: float, seconds: float = 2.0) -> NDArray[np.float64]:
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_torque_that_was_held_without_a_turn_is_stated(sign: float):
     """A hand that twisted a handle with 2 Nm for 2 s taught a press, without a word."""
-    assert missed_torques_note((PRESS,), lambda t0, tn: held(sign * 2.0)) == (
+    assert unreproduced_torques_note((PRESS,), lambda t0, tn: held(sign * 2.0)) == (
         "Torques that no app exerts, because nothing turned: a torque of 2.0 Nm about the force at 2.0–5.0 s."
     )
 
 
 @pytest.mark.parametrize("torques", [held(0.0), held(0.4), held(2.0, seconds=0.8), np.empty((0, 3))])
 def test_a_lever_a_small_torque_and_a_jerk_are_not_stated(torques: NDArray[np.float64]):
-    assert missed_torques_note((PRESS,), lambda t0, tn: torques) is None
+    assert unreproduced_torques_note((PRESS,), lambda t0, tn: torques) is None
 
 
 def test_what_has_a_way_or_touches_is_not_stated():
     path = path_from((0.3, 0.0, 0.2), 2.0, 5.0, 0.1)
     stroke = PRESS.model_copy(update={"path": path})
     moves = app("cartesian_motion", 5.0, 8.0, PLACE, path=path)
-    assert missed_torques_note((stroke, moves), lambda t0, tn: held(2.0)) is None
+    assert unreproduced_torques_note((stroke, moves), lambda t0, tn: held(2.0)) is None
     touches = app("move_to_contact", 0.0, 1.0, PLACE, path=path)
-    assert missed_torques_note((touches, stroke), twisted(1.0, 2.0)) is None
+    assert unreproduced_torques_note((touches, stroke), twisted(1.0, 2.0)) is None
 
 
 def twisted(t0: float, tn: float, weights_nm: tuple[float, float] = (0.0, 0.0)) -> Callable[..., Array]:
@@ -72,7 +72,7 @@ def test_a_torque_in_a_rest_or_a_hold_is_stated_beside_those_of_weights(
     apps: tuple[App, ...], weights_nm: tuple[float, float], t0: float, stated: bool
 ):
     """A hand twisted the tool with 1.5 Nm in the air, or what it held, and nothing turned."""
-    found = missed_torques_note(apps, twisted(t0, 4.5, weights_nm), 0.0, 6.0)
+    found = unreproduced_torques_note(apps, twisted(t0, 4.5, weights_nm), 0.0, 6.0)
     said = "Torques that no app exerts, because nothing turned: a torque of 1.5 Nm at 2.0–5.0 s."
     assert found == (said if stated else None)
 
@@ -89,6 +89,6 @@ def test_a_torque_that_was_held_after_a_turn_is_stated_if_no_turn_reaches_it(tur
     def along_the_force(begin: float, end: float) -> Array:
         return twisted(3.5, 5.5)(begin, end)[:, [1, 2, 0]]
 
-    found = missed_torques_note((turn,), along_the_force)
+    found = unreproduced_torques_note((turn,), along_the_force)
     said = "a torque of 1.5 Nm about the force at 3.0–6.0 s"
     assert found == (f"Torques that no app exerts, because nothing turned: {said}." if stated else None)

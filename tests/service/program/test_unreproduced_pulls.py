@@ -8,7 +8,7 @@ import pytest
 
 from caesura_protocol.messages import App
 from caesura_service.constants import GRAVITY
-from caesura_service.program import Moment, MomentAt, missed_pulls_note
+from caesura_service.program import Moment, MomentAt, unreproduced_pulls_note
 from harness.programs import app
 from service.program.segments import moment_at
 
@@ -34,7 +34,7 @@ def pulled(newton: float, t0: float, tn: float) -> MomentAt:
 )
 def test_a_pull_on_what_is_held_is_stated(newton: float, seconds: float, stated: bool):
     """A plug was pulled with 25 N for half a second: the program carried 1.15 kg, without a word."""
-    found = missed_pulls_note(CARRIES, pulled(newton, 0.2, 0.2 + seconds))
+    found = unreproduced_pulls_note(CARRIES, pulled(newton, 0.2, 0.2 + seconds))
     none = "Forces that no app exerts, because apps that carry exert none"
     said = f"{none}: a force of 20.0 N beside the weight of 0.50 kg"
     assert found == (f"{said} at 0.0–2.0 s." if stated else None)
@@ -50,4 +50,4 @@ def test_a_pull_on_what_is_held_is_stated(newton: float, seconds: float, stated:
     ],
 )
 def test_what_is_not_weighed_or_too_short_is_not_stated(apps: tuple[App, ...]):
-    assert missed_pulls_note(apps, pulled(20.0, 0.0, 2.0)) is None
+    assert unreproduced_pulls_note(apps, pulled(20.0, 0.0, 2.0)) is None

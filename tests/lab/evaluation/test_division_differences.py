@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from caesura_lab.evaluation.divided_movements import (
+from caesura_lab.evaluation.division_differences import (
     BothMotions,
     Difference,
     Division,

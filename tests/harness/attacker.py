@@ -65,7 +65,7 @@ QUERIES_PER_S = 1900.0
 MESSAGES_PER_S, COMMANDS_PER_S = 20_000.0, 5_000.0
 PROGRAM_EDITS_PER_S, IN_FLIGHT = 1000.0, 4
 MINUTE_S, OFF_S = 60.0, 0.05
-READERS, LISTINGS = 8, 32
+READERS, LISTINGS = 8, 128
 STORING, STORED = 8, 5000  # stations with stored sessions, and their sessions
 PATIENCE_S = 60.0
 SHORT = Open(session=SESSION, columns=("t", "px", "py", "pz"), wrench_source="none")

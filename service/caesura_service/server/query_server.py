@@ -63,7 +63,7 @@ from caesura_service.server.work_queue import WorkQueue
 
 QUERIES = 1024  # that may wait; a quarter of them in one lane
 QUERY_BYTES = 4096  # of its parameters and content; those of Caesura have a few hundred, and no content
-# Of a station's commands and queries that are refused with a reason; others end at once.
+# Of a station's commands and queries that are refused with a reason; others end without one.
 REFUSAL_RATE = Rate(100.0, 200.0)
 
 
@@ -124,7 +124,7 @@ class QueryServer(AnsweringThread):
     def command(self, query: IncomingQuery) -> bool:
         """Enqueue a command for the worker; in an overload only if it opens no new session.
 
-        Returns False, without a reply, if the station has used up its budget and the refusals of
+        Returns False, and leaves the query open, if the station has used up its budget and the refusals of
         REFUSAL_RATE.
         """
         station = source_of_key(query.key).station
@@ -139,12 +139,12 @@ class QueryServer(AnsweringThread):
         return True
 
     def refuse(self, query: IncomingQuery, lane: str, refusal: ProtocolError) -> bool:
-        """End a query of a lane, within REFUSAL_RATE with the reason; return whether the reason was sent."""
-        is_explained = self._refusal_rate.allows(lane)
+        """End a query of a lane with the reason if REFUSAL_RATE allows it; return whether it has ended."""
+        if not self._refusal_rate.allows(lane):
+            return False
         with query:
-            if is_explained:
-                reply_error(query, refusal)
-        return is_explained
+            reply_error(query, refusal)
+        return True
 
     def count_rejected(self, count: int) -> None:
         """Count commands that were refused."""

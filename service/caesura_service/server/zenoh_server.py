@@ -31,6 +31,7 @@ from caesura_service.server.batch_collector import BatchCollector
 from caesura_service.server.blocking_sends import Lanes
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.channel_poller import ChannelPoller
+from caesura_service.server.held_refusals import HeldRefusals
 from caesura_service.server.inbound_events import (
     UNKNOWN,
     Arrival,
@@ -117,6 +118,7 @@ class ZenohServer:
             registry.awaited, self._enqueue_samples, self._enqueue_batches, clock
         )
         self._muted, self._muted_commands, self._muted_queries = (MutedSources() for _ in range(3))
+        self._held = HeldRefusals()
         self._tokens = TokenChanges(self._queue, self.budgets)
         self._poller = ChannelPoller(self._handle_samples, self._end_poll)
         self._stack = ExitStack()
@@ -155,6 +157,7 @@ class ZenohServer:
             self._declare(stack, network)
             self._worker.emit(self._registry.republish_status(None))
             stack.enter_context(self._worker)
+            stack.callback(self._held.end_all)
             stack.enter_context(self._poller)
             stack.callback(self._collector.release_all)
             stack.callback(subscriptions.close)
@@ -273,6 +276,7 @@ class ZenohServer:
             self._collector.release(station_key(station, "samples"))
         if not self._queries.command(query):
             self._muted_commands.mute(source)
+            query.drop()
 
     def _handle_query(
         self, enqueue: Callable[[IncomingQuery, str], ProtocolError | None], query: IncomingQuery
@@ -282,15 +286,18 @@ class ZenohServer:
         enqueue: puts it in a queue; returns the refusal if too many of the lane are queued.
         """
         lane = lane_of_query(query.key)
-        source, refused_as = (lane + LISTING, LISTING) if is_listing(query) else (lane, lane)
+        source, refused_as, end = lane, lane, query.drop
+        if is_listing(query):
+            source, refused_as, end = lane + LISTING, LISTING, partial(self._held.hold, query)
         if self._muted_queries.drops(source):
-            query.drop()
+            end()
             return
         refusal = self.budgets.reject_query(lane) or size_refusal(query)
         if refusal is None and (refusal := enqueue(query, lane)) is not None:
             self.budgets.count_refused(lane, "queries")
         if refusal is not None and not self._queries.refuse(query, refused_as, refusal):
             self._muted_queries.mute(source)
+            end()
 
     def _handle_samples(self, sample: Incoming) -> None:
         key, payload, encoding = sample
@@ -319,6 +326,7 @@ class ZenohServer:
     def _end_poll(self) -> None:
         """Pass on overdue batches and tokens; count the messages dropped unread."""
         self._collector.release_overdue()
+        self._held.end_due()
         self._tokens.poll()
         for key, count in self._muted.pop_drops().items():
             source, station = source_of_key(key)

@@ -58,7 +58,9 @@ def test_re_targeting_keeps_poses_leaves_joints_out_and_says_so(taught: ProgramF
 def test_joints_of_another_arm_are_refused_where_no_robot_was_stated(taught: ProgramFile) -> None:
     # A UR5e's script asked for the inverse kinematics near seven joints.
     unstated = taught.model_copy(update={"robot": None})
-    with pytest.raises(CaesuraError, match=r"app 1 \(move\) was taught with 7 joints, and ur5e has 6: --retarget"):
+    with pytest.raises(
+        CaesuraError, match=r"app 1 \(move\) was taught with 7 joints, and ur5e has 6: --retarget"
+    ):
         on_robot(unstated, "ur5e")
     with pytest.raises(ValueError, match="taught with 7 joints, and an arm of Universal Robots has 6"):
         WRITERS["urscript"].write(unstated)

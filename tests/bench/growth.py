@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from caesura_protocol.messages import Open
 from caesura_service.changepoint.channel_model import ModelInput
-from caesura_service.changepoint.filter_choice import filter_for
+from caesura_service.changepoint.filter_choice import make_filter
 from caesura_service.changepoint.filter_interface import ChangepointFilter
 from caesura_service.changepoint.hazard import Refractory
 from caesura_service.changepoint.preset import SEGMENTATION_HZ
@@ -176,7 +176,7 @@ def at_rate(hz: int) -> ChangepointFilter:
         for name in ("keep_youngest", "cap", "window", "certain_after")
     }
     hazard = Refractory(PRESET.mean_segment_s * hz, round(PRESET.refractory_s * hz))
-    return filter_for(SegmentModelSet(channels, lattice.kinds), hazard, replace(bounds, **more))
+    return make_filter(SegmentModelSet(channels, lattice.kinds), hazard, replace(bounds, **more))
 
 
 def observations(

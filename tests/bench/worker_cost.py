@@ -173,10 +173,10 @@ def publisher_of(network: Any, *queue_and_budgets: Any) -> ResultPublisher:
     """Return what publishes the results; in an older checkout it makes the publishers of its keys itself."""
     given: list[Any] = [network, *queue_and_budgets, None]  # no lanes: no station asks, or is asked
     if "publishers" in inspect.signature(ResultPublisher).parameters:
-        from caesura_service.server.blocking_sends import Lanes  # noqa: PLC0415
         from caesura_service.server.key_publishers import KeyPublishers  # noqa: PLC0415
+        from caesura_service.server.station_send_threads import StationSendThreads  # noqa: PLC0415
 
-        given.append(KeyPublishers(network, Lanes()))
+        given.append(KeyPublishers(network, StationSendThreads()))
     return ResultPublisher(*given)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from caesura_clients.dashboard.network_follower import NetworkFollower
-from caesura_clients.dashboard.session_list_rows import PartChoice
+from caesura_clients.dashboard.replacement_sessions import ReplacementSessions
 from caesura_clients.query import services, stations
 from caesura_clients.session_follower import SessionRemoved
 from caesura_protocol.codec import Encoded, encode, encode_error, pack_samples
@@ -164,7 +164,7 @@ def test_what_is_published_is_known(gateway, answering):
 
 
 def test_the_sessions_that_may_replace_a_part_are_listed_anew_where_one_of_them_changed(gateway, answering):
-    choice, one = PartChoice(), snapshot(1)
+    choice, one = ReplacementSessions(), snapshot(1)
     before = choice.of(gateway.world, station(), "other")
     answering.put(segments(2, 0, "motion", "contact"))
     eventually(lambda: len(gateway.world.update(station()).segments) == 2)

@@ -13,7 +13,7 @@ from caesura_protocol.errors import CaesuraError
 from caesura_protocol.number_words import counted
 
 if TYPE_CHECKING:
-    from caesura_lab.export.session_export import SessionExport
+    from caesura_lab.export.session_from_journal import SessionExport
 
 DATASET_OPTIONS = "--fps, --task, --success, --failed and --without-language"
 

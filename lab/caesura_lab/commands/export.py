@@ -29,7 +29,7 @@ from caesura_service.config import DEFAULT_PRESET
 from caesura_service.offline_segmentation import opening_of
 
 if TYPE_CHECKING:
-    from caesura_lab.export.session_export import SessionExport
+    from caesura_lab.export.session_from_journal import SessionExport
 
 STATION = "file"  # what a file that came from no station is said to be of
 
@@ -121,7 +121,7 @@ def _taught(recording: Recording, preset: str, name: str | None = None) -> Sessi
     recording = without_confirmed(recording)
     view = segmented(recording, preset)
     opening = opening_of(recording, preset)
-    exported: type[SessionExport] = import_module("caesura_lab.export.session_export").SessionExport
+    exported: type[SessionExport] = import_module("caesura_lab.export.session_from_journal").SessionExport
     return exported(
         station=STATION,
         opening=opening if name is None else opening.model_copy(update={"session": name}),

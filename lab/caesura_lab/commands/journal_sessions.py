@@ -187,7 +187,9 @@ def _write_npz(journal: Journal, key: Key, out: Path) -> Recording:
 
 
 def _write_mcap(journal: Journal, key: Key, out: Path) -> Recording:
-    session_export = import_module("caesura_lab.export.session_export").read_session_export(journal, *key)
+    session_export = import_module("caesura_lab.export.session_from_journal").read_session_export(
+        journal, *key
+    )
     import_module("caesura_lab.export.mcap_file").write_mcap(out, session_export)
     recording: Recording = session_export.recording
     return recording
@@ -210,7 +212,7 @@ def _write_file(matches: Found, out: Path, chosen: Format) -> str:
 
 def _write_dataset(matches: list[Found], out: Path, asked: DatasetOptions) -> str:
     """Write sessions as a dataset and return what was written."""
-    read_session_export = import_module("caesura_lab.export.session_export").read_session_export
+    read_session_export = import_module("caesura_lab.export.session_from_journal").read_session_export
     sessions = []
     for key, copies in matches:
         with _open_journal(copies[0].path) as journal:

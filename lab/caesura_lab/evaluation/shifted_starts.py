@@ -22,7 +22,7 @@ STARTS: Mapping[str, float] = {  # by how much it begins later [s]
 }
 
 
-def begun(recording: Recording, truth: Truth, start: str) -> tuple[Recording, Truth]:
-    """Return recording and truth from one of STARTS on."""
+def with_shifted_start(recording: Recording, truth: Truth, start: str) -> tuple[Recording, Truth]:
+    """Return recording and truth without what lies before one of STARTS."""
     begins = float(recording.t[0]) + STARTS[start]
     return rows_of(recording, np.flatnonzero(recording.t >= begins)), truth.within(begins, float("inf"))

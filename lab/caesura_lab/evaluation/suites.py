@@ -19,7 +19,7 @@ from caesura_lab.evaluation.annotated_declarations import with_annotated_declara
 from caesura_lab.evaluation.cut_recordings import WINDOWS, in_window
 from caesura_lab.evaluation.rescaled_recordings import TEMPI, in_tempo
 from caesura_lab.evaluation.sensor_conditions import CONDITIONS
-from caesura_lab.evaluation.shifted_starts import STARTS, begun
+from caesura_lab.evaluation.shifted_starts import STARTS, with_shifted_start
 from caesura_lab.ground_truth import (
     SUFFIX,
     RecordingSource,
@@ -283,7 +283,7 @@ class LaterCase(ChangedCase):
     """A case with a later start, by one of STARTS."""
 
     def _changed(self, recording: Recording, truth: Truth) -> tuple[Recording, Truth]:
-        return begun(recording, truth, self.condition)
+        return with_shifted_start(recording, truth, self.condition)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from caesura_lab.export.session_export import SessionExport
+from caesura_lab.export.session_from_journal import SessionExport
 from caesura_protocol.formats.episode_frames import Episode, EpisodeSource, episodes_of
 from caesura_protocol.formats.lerobot_write import write_lerobot
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from caesura_lab.export.session_export import SessionExport
+from caesura_lab.export.session_from_journal import SessionExport
 from caesura_protocol.formats.mcap_write import (
     NO_POSES,
     TRANSFORM_S,

@@ -91,7 +91,7 @@ def draw_person(rng: np.random.Generator, name: str) -> Person:
 def with_habits(person: Person, rng: np.random.Generator) -> Person:
     """Give a person habits and a calmer hand; its robot gets stiction and a bias that wanders with the pose.
 
-    Noise is lower than of ideal people: part of what they were given for unrest are submovements.
+    Noise is lower than of ideal people, whose noise also stands for the submovements of the habits.
     """
     friction = rng.uniform(0.05, 0.6)
     return replace(

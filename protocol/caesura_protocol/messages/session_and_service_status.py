@@ -55,7 +55,7 @@ class Budget(Message):
 
     per_s: Amount  # so much comes back every second
     at_once: Amount  # so much may be used at once, after a pause
-    used: Amount  # of `at_once`, now; work may pass it, because what it takes is known afterwards
+    used: Amount  # of `at_once`, now; work may exceed it, because its cost is known only after it
     refused: Count  # messages that were dropped or refused because of it, since the service started
 
 

@@ -1,8 +1,8 @@
 """The straight way of a robot to the start of a path, if the app before it ends elsewhere.
 
-No app leads there: the hand's way is in no app, or an edit has changed the apps. The robot goes straight to
-the start of the path first, at the mean speed of the path. In contact a turn alone is no way: it would drive
-the tool's tip into the surface.
+No app leads there: the taught movement between the two is in no app, or an edit has changed the apps. The
+robot goes straight to the start of the path first, at the mean speed of the path. In contact a turn alone is
+no way: it would drive the tool's tip into the surface.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def ways_to_paths(apps: Sequence[App]) -> Iterator[WayToPath | None]:
 
     None for an app without a path, before any movement, and for a start within ASTRAY_M.
 
-    The fingers of a robot move where the app before ends, whatever their place was when they were taught.
+    An app that only moves the fingers is run where the app before it ends, and changes no pose.
     """
     place: Vector | None = None
     orientation: Quaternion | None = None

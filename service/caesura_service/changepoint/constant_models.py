@@ -68,10 +68,10 @@ class FreeSpaceForce:
     values, the mean is normal with variance bias² + floor²/n. Mean and deviations are those of whitened
     values, by generalised least squares.
 
-    `absence` [N] weighs every sample by exp(−z²/2 absence²), the complement of a contact's presence: a press
-    is not a bias, even if it is constant. The weight is at most 1. z is the force less the weight of a load
-    between `least_kg` and `most_kg`: a load is not a contact either, so its weight distinguishes a load from
-    free space once, by the mean, and not again at every sample.
+    `absence` [N] is the scale of a factor on every sample, exp(−z²/2 absence²), the complement of a contact's
+    presence: a press is not a bias, even if it is constant. The factor is at most 1. z is the force less the
+    weight of a load between `least_kg` and `most_kg`. A load is not a contact either: the mean distinguishes
+    it from free space once, and the factor does not do so again at every sample.
     """
 
     noise: Noise

@@ -41,8 +41,8 @@ from caesura_service.changepoint.preset import BESIDE_MOVEMENT, STEP_S, Preset
 from caesura_service.changepoint.profile_library import Profile, ProfileLibrary, lognormal, minimum_jerk
 from caesura_service.changepoint.profile_model import DisplacementPrior, ProfileModel
 from caesura_service.changepoint.random_walk import StudentRandomWalk
-from caesura_service.changepoint.rate_of_change_bounds import RateOfChangeBounds
 from caesura_service.changepoint.segment_model_set import SegmentKind
+from caesura_service.changepoint.step_size_weight import StepSizeWeight
 from caesura_service.changepoint.thesis_presets import thesis_force_library
 from caesura_service.changepoint.traced_motion import TracedMotion
 from caesura_service.changepoint.turn_in_place import TurnInPlace
@@ -177,9 +177,9 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
         "corner": corner(),
         "still": StudentRandomWalk("position", scale=REST_STEP_M, still=REST),
         "stopped": StudentRandomWalk("position", scale=REST_STEP_M),
-        "turning": RateOfChangeBounds("rotation", least=REST / HANDS_BREADTH_M),
+        "turning": StepSizeWeight("rotation", least=REST / HANDS_BREADTH_M),
         "turned_back": corner_of_rotation(),
-        "unturned": RateOfChangeBounds("rotation", most=REST / HANDS_BREADTH_M),
+        "unturned": StepSizeWeight("rotation", most=REST / HANDS_BREADTH_M),
         "about_a_point": TurnInPlace(floor=0.0002, share=0.002, reach=TOOL_M, nu0=TURN_NU0),
         "resisted": TurnResistance(least=HELD_NM),
         "unresisted": TurnResistance(most=HELD_NM),

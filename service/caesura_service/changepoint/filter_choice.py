@@ -10,7 +10,7 @@ from caesura_service.changepoint.segment_model_set import SegmentModelSet
 from caesura_service.numba_support import has_kernels
 
 
-def filter_for(lattice: SegmentModelSet, hazard: Hazard, parameters: FilterParameters) -> ChangepointFilter:
+def make_filter(lattice: SegmentModelSet, hazard: Hazard, parameters: FilterParameters) -> ChangepointFilter:
     """Return a new filter: the compiled one, or `RunLengthFilter` without Numba or with a model that has no
     kernel.
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from caesura_service.changepoint.channel_model import ChannelModel, Choice
-from caesura_service.changepoint.filter_choice import filter_for
+from caesura_service.changepoint.filter_choice import make_filter
 from caesura_service.changepoint.filter_interface import ChangepointFilter
 from caesura_service.changepoint.filter_parameters import FilterParameters
 from caesura_service.changepoint.hazard import Geometric, Hazard, Refractory
@@ -122,7 +122,7 @@ class Preset:
         lattice = self.lattice(
             contact=contact, transport=transport, orientation=orientation, torque=torque, bias_n=bias_n
         )
-        return filter_for(lattice, self.hazard, self.filter)
+        return make_filter(lattice, self.hazard, self.filter)
 
     def has_kind_in(self, contact: ContactState) -> bool:
         """Whether the preset has a kind of segment in this contact state."""

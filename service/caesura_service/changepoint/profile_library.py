@@ -57,7 +57,8 @@ def _minimum_jerk(duration_s: float, t: Array) -> Array:
 def lognormal(duration_s: float, width: float = 0.5) -> Profile:
     """Return the position of a movement with lognormal speed: an early peak and a long tail. Plamondon 1995.
 
-    99 % of the way lie behind it after duration_s [s]; width: standard deviation of the log of time.
+    duration_s [s]: time at which 99 % of the distance is covered; width: standard deviation of the log of
+    time.
     """
     return partial(_lognormal, duration_s * float(np.exp(-ndtri(0.99) * width)), width)
 

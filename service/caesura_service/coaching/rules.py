@@ -5,10 +5,12 @@ No limit is tuned. Each follows from another definition of the system:
 - A force is beyond the bias where tared free space reads less with probability 0.99: 2.33 scales along a
   direction, 3.37 scales in size (χ with three degrees of freedom).
 - A hand's push is a cumulative sum with reference 1 and limit 2: one observation of three standard
-  deviations, or two of two. The force must drive without the tracked bias too, by the scale of a bias.
+  deviations, or two of two. The force must also drive if the tracked bias is not subtracted, by the scale of
+  a bias.
 - A path is recorded to within the tolerance of the program's paths.
-- Below a singular value of 0.05 the estimate of the wrench is damped (`robot.kinematics`).
-- A force is frozen where a file's would be: the same for FROZEN_S while the flange moves by MOVED_M.
+- Below a singular value of 0.05 the estimate of the wrench is damped (`robot.robot_model`).
+- A force is frozen as in a file (`wrench_faults`): it is the same for FROZEN_S while the flange moves by
+  MOVED_M.
 - `caesura check` refuses postures nearer than 0.05 rad to a joint's end.
 """
 

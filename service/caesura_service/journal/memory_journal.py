@@ -29,7 +29,7 @@ from caesura_service.journal.journal import (
     StoredOutcome,
     is_named,
 )
-from caesura_service.journal.open_session_quota import ENDING, ENDING_BYTES
+from caesura_service.journal.station_quota import ENDING, ENDING_BYTES
 
 CAPACITY_BYTES = 1 << 29  # nearly an hour and a half of one station at 1 kHz, 13 columns in single precision
 _OVERHEAD_BYTES = 1000  # of a record beside its content

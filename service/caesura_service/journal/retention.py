@@ -6,7 +6,7 @@ a clock was years ahead, a copy was restored, or the service did not run.
 Stations share its size fairly. A station's part is the size to which the largest stations have to shrink so
 that all of them fit. Past the size, the largest station over its part loses its oldest closed sessions; a
 station within its part loses nothing to another. Open sessions are never deleted for their size:
-`open_session_quota` bounds them. The number of sessions of a station is bounded too, because the search for
+`station_quota` bounds them. The number of sessions of a station is bounded too, because the search for
 sessions to delete takes time for each.
 """
 

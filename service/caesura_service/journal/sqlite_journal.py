@@ -3,7 +3,7 @@
 `writer_thread` writes it. This module opens it, reads it and enforces its limits.
 
 Closed sessions are deleted, oldest first, when they are too old or the journal is too large. Open sessions
-are never deleted for their size (`open_session_quota` bounds it), and for their age only after so long a time
+are never deleted for their size (`station_quota` bounds it), and for their age only after so long a time
 without a record.
 """
 
@@ -359,7 +359,7 @@ class SqliteJournal(SqliteWriter):
         self._known.discard(row.key)
         with self._guard:
             self._outcomes.pop(row.key, None)
-            self._open_sessions.close(row.key)
+            self._quota.close(row.key)
         logger.error("journal %s: %s; the session is set aside as %s/%s", self.path, why, row.station, aside)
         return str(aside)
 
@@ -394,7 +394,7 @@ class SqliteJournal(SqliteWriter):
             with self._guard:
                 for key in keys:
                     self._outcomes.pop(key, None)
-                    self._open_sessions.close(key)
+                    self._quota.close(key)
                 self._waiting = [row for row in self._waiting if row.key not in keys]
                 self._waiting_bytes = sum(row.size for row in self._waiting)
         self._known -= keys
@@ -536,7 +536,7 @@ class SqliteJournal(SqliteWriter):
             aside = self._database.execute(SELECT_ASIDE).fetchall()
             part = open_part(usages, self.settings)
             with self._guard:  # while this thread holds the database, what waits is not on disk
-                self._open_sessions.renew(open_sizes, self._waiting, part)
+                self._quota.renew(open_sizes, self._waiting, part)
         self._size = sum(usage.size for usage in usages)
         self._damage = self._unreadable.report(aside, self._known)
         return usages

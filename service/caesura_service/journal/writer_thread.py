@@ -34,7 +34,6 @@ from caesura_service.journal.journal import (
     Outcome,
     Record,
 )
-from caesura_service.journal.open_session_quota import OpenSessions
 from caesura_service.journal.reserve import SIZE, Reserve
 from caesura_service.journal.retention import JournalSettings
 from caesura_service.journal.rows import (
@@ -52,6 +51,7 @@ from caesura_service.journal.sqlite_statements import (
     INSERT_OVERVIEW,
     TAKEOVERS,
 )
+from caesura_service.journal.station_quota import StationQuota
 
 logger = logging.getLogger(__name__)
 
@@ -77,7 +77,7 @@ class SqliteWriter:
         self._guard = threading.Lock()  # of what waits; never held while the disk works
         self._writing = threading.RLock()  # of the database
         self._error: JournalError | None = None
-        self._open_sessions = OpenSessions()
+        self._quota = StationQuota()
         self._unreadable = UnreadableResults()
         self._known: set[Key] = set()  # sessions, at the last look and since
         self._reserve = Reserve(path)
@@ -187,7 +187,7 @@ class SqliteWriter:
 
     def _append_row(self, row: RecordRow, *, now: bool = False) -> None:
         with self._guard:
-            self._open_sessions.check(row, self.settings.size_bytes, self.path)
+            self._quota.check(row, self.settings.size_bytes, self.path)
         if now or not self.settings.commit_s:
             self._append_now(row)
         else:
@@ -207,7 +207,7 @@ class SqliteWriter:
                 )
             self._waiting.append(row)
             self._waiting_bytes += size
-            self._open_sessions.add(row)
+            self._quota.add(row)
 
     def _append_now(self, row: RecordRow) -> None:
         """Append a row and write it to disk; remove it again on an error."""
@@ -221,7 +221,7 @@ class SqliteWriter:
                         return  # it was written, and a later one was not
                     self._waiting = [waiting for waiting in self._waiting if waiting is not row]
                     self._waiting_bytes -= row.size
-                    self._open_sessions.remove(row)
+                    self._quota.remove(row)
                 raise
 
     def _write_outcome(self, key: Key, outcome: Outcome) -> None:
@@ -275,7 +275,7 @@ class SqliteWriter:
             self._known |= keys
             for row in rows:
                 if row.encoding == CLOSE:
-                    self._open_sessions.close(row.key)
+                    self._quota.close(row.key)
 
     def _succeed(self) -> None:
         with self._guard:

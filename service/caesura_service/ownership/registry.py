@@ -76,7 +76,10 @@ REBUILDING = "/rebuilding/"  # with a station, what `rebuild_step` does for it; 
 
 
 class Registry:
-    """One thread calls the methods; any thread may read `index` and `counters`, and call `stored`."""
+    """Holds the sessions of this instance, and passes each message to its session.
+
+    One thread calls the methods; any thread may read `index` and `counters`, and call `stored`.
+    """
 
     def __init__(
         self,
@@ -160,7 +163,7 @@ class Registry:
         known = self._journals.copies_of_station(station)
         refused = {name: copies.refused for name, copies in known.items() if copies.refused is not None}
         for name, records in refused.items():
-            why = f"{station}/{name} has what was refused: the station's last owner has something else"
+            why = f"{station}/{name} has records that conflict with those of the station's last owner"
             self._held.remove(station, name)
             self._journal.retract(station, name, records, why)
         return self._journals.copies_of_station(station) if refused else known
@@ -233,7 +236,7 @@ class Registry:
             # A refusal of these concerns the editor and not the session's bridge.
             if isinstance(command, Edit | Preview | Describe | EditProgram):
                 error = self._as_only_read(station, command.session, error)
-                if not isinstance(command, Preview):  # a question, which people may ask in vain
+                if not isinstance(command, Preview):  # its refusal is no event of the session
                     self._count_refused(station, error)
                 return [Reply(error)]
             return [*self._count_rejection(station, command.session, error), Reply(error)]
@@ -480,7 +483,7 @@ class Registry:
     def _close_at_limit(self, station: str, session: Session, now: float) -> list[Output]:
         """Close a session at its limit of observations, which bounds its memory."""
         count, most = session.last_published_state.view.observations, self._limits.observations
-        why = f"the session is as long as one may be and is closed: {most} observations; open another"
+        why = f"the session has reached its limit of {most} observations and is closed: open another"
         with suppress(JournalError):  # tried again at the next batch
             outputs = _without_replies(self._close(session, now))
             error = ProtocolError("too_large", why, value=count, limit=most)

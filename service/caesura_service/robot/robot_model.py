@@ -370,7 +370,9 @@ class Robot:
 
 
 def _unreachable(pose: Array) -> ReachError:
-    return ReachError(f"flange position {np.round(pose[:3], 3).tolist()} m cannot be reached on its way")
+    return ReachError(
+        f"flange position {np.round(pose[:3], 3).tolist()} m cannot be reached from the one before it"
+    )
 
 
 def load_robot(robot: str | RobotDescription) -> Robot:
@@ -383,7 +385,7 @@ def load_robot(robot: str | RobotDescription) -> Robot:
     try:
         model = pin.buildModelFromUrdf(str(path))
     except ValueError as error:
-        raise RobotError(f"{path}: no URDF: {error}") from error
+        raise RobotError(f"{path}: not a valid URDF: {error}") from error
     joints = tuple(model.names)[1:]  # the first is pinocchio's own, of the world
     if joints != description.joints:
         stated = (

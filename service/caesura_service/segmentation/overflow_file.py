@@ -20,8 +20,8 @@ logger = logging.getLogger(__name__)
 
 BLOCK = 1 << 15  # [bytes]
 UNREADABLE = (
-    "what the session keeps on disk beside the journal cannot be read back: look after the disk and start "
-    "the service again, the journal has the session"
+    "the file beside the journal with the session's observations cannot be read: check the disk and restart "
+    "the service, which rebuilds the session from the journal"
 )
 
 

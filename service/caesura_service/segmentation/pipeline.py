@@ -44,7 +44,7 @@ from caesura_service.program import (
     ProgramSegment,
     unreproduced_finger_motion,
 )
-from caesura_service.segmentation.correction_targets import edit_context
+from caesura_service.segmentation.correctable_parts import edit_context
 from caesura_service.segmentation.corrections import (
     EditContext,
     FilterConstraints,

@@ -13,8 +13,8 @@ from functools import partial
 from caesura_protocol.fragments import fragment
 from caesura_protocol.messages import Message
 from caesura_protocol.transport.transport_interface import Priority
-from caesura_service.server.blocking_sends import Lanes
 from caesura_service.server.network_interface import Network, Publisher
+from caesura_service.server.station_send_threads import StationSendThreads
 
 PUBLISHERS = 1024  # declared at once, those of 200 sessions
 DECLARING = "/declaring"  # the lane of declarations; no station's name
@@ -23,7 +23,7 @@ DECLARING = "/declaring"  # the lane of declarations; no station's name
 class KeyPublishers:
     """The publishers of keys, the last used ones; only one thread may call it."""
 
-    def __init__(self, network: Network, lanes: Lanes) -> None:
+    def __init__(self, network: Network, lanes: StationSendThreads) -> None:
         """lanes: for declarations, and for messages of keys that are not declared yet."""
         self._network, self._lanes = network, lanes
         self._publishers: dict[str, _KeyPublisher] = {}  # whichever was used last stands last
@@ -51,7 +51,9 @@ class KeyPublishers:
 class _KeyPublisher:
     """Publishes on one key."""
 
-    def __init__(self, network: Network, lanes: Lanes, key: str, station: str, priority: Priority) -> None:
+    def __init__(
+        self, network: Network, lanes: StationSendThreads, key: str, station: str, priority: Priority
+    ) -> None:
         self._network, self._lanes = network, lanes
         self._key, self._station, self._priority = key, station, priority
         self._declared: Publisher | None = None

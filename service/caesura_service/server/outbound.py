@@ -36,7 +36,6 @@ from caesura_protocol.messages import (
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_protocol.transport.transport_interface import Priority, nothing_found
 from caesura_service.publishing.events import Publish, RequestReplay
-from caesura_service.server.blocking_sends import Lanes
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound_events import (
     Arrival,
@@ -50,6 +49,7 @@ from caesura_service.server.inbound_events import (
 from caesura_service.server.key_publishers import KeyPublishers
 from caesura_service.server.network_interface import Incoming, Network, NetworkError
 from caesura_service.server.replay_reply_collector import ReplayBlocks
+from caesura_service.server.station_send_threads import StationSendThreads
 from caesura_service.server.work_queue import WorkQueue
 from caesura_service.sessions.same_layout_batches import BatchBlock
 
@@ -79,7 +79,7 @@ class ResultPublisher:
         network: Network,
         queue: WorkQueue[Arrival],
         budgets: Budgets,
-        lanes: Lanes,
+        lanes: StationSendThreads,
         publishers: KeyPublishers,
     ) -> None:
         """lanes: for replies and requests. The publishers have others: no reply waits for a result."""

@@ -28,7 +28,6 @@ from caesura_service.decimation import SampleReader
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Owner
 from caesura_service.server.batch_collector import BatchCollector
-from caesura_service.server.blocking_sends import Lanes
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.channel_poller import ChannelPoller
 from caesura_service.server.held_refusals import HeldRefusals
@@ -56,6 +55,7 @@ from caesura_service.server.router_link import RouterLink
 from caesura_service.server.router_probe import WHY_STUCK, RouterProbe, router_probe
 from caesura_service.server.sample_query_server import SampleServer
 from caesura_service.server.station_manager import StationManager
+from caesura_service.server.station_send_threads import StationSendThreads
 from caesura_service.server.station_subscriptions import StationSubscriptions
 from caesura_service.server.stored_session_server import LISTING, StoredSessionServer, is_listing
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
@@ -145,7 +145,10 @@ class ZenohServer:
             station_manager = StationManager(
                 self._registry, self._owner.instance, subscriptions.set, self._clock
             )
-            replies, results = stack.enter_context(Lanes()), stack.enter_context(Lanes())
+            replies, results = (
+                stack.enter_context(StationSendThreads()),
+                stack.enter_context(StationSendThreads()),
+            )
             publisher = ResultPublisher(
                 network, self._queue, self.budgets, replies, KeyPublishers(network, results)
             )

@@ -12,8 +12,8 @@ Rules
 5. A pose that repeats the one before, bit for bit, is an old reading that a faster clock has held. Poses
    that are held for at most the hold limit are interpolated between new ones. So rows after a new pose wait
    for the next one, as long as the limit. A pose that is held for longer is a rest.
-6. Rows may be handed out `every` so many together, as soon as the last of them is complete. Until then a push
-   whose samples are in order is looked at once and kept as it is: all else is done for many rows at once.
+6. Rows may be returned in groups of `every`, as soon as the last row of a group is complete. Until then a
+   push whose samples are in order is only stored: all rows of a group are computed at once.
 """
 
 from __future__ import annotations
@@ -71,9 +71,9 @@ class Resampler:
     """Immutable parameters of the grid; `advance` maps a state and samples to the next state and rows.
 
     held: how many of the last columns are held. quaternion: columns to make sign-continuous beforehand.
-    pose: how many of the first columns are the pose; beside: how many follow that are read with it;
-    hold_limit_s [s]: see rule 5.
-    every, phase: rows are handed out up to row phase, phase + every, … (itself not included), or to a gap.
+    pose: how many of the first columns are the pose; beside: how many columns follow (joints) whose held
+    readings are interpolated with it; hold_limit_s [s]: see rule 5.
+    every, phase: rows are returned up to row phase, phase + every, … (itself not included), or to a gap.
     """
 
     grid_hz: float

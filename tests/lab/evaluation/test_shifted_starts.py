@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caesura_lab.evaluation.shifted_starts import STARTS, begun
+from caesura_lab.evaluation.shifted_starts import STARTS, with_shifted_start
 from caesura_lab.evaluation.suites import FileCase, LaterCase
 from caesura_lab.ground_truth import read_truth
 from caesura_protocol.formats.read import load_recording
@@ -20,7 +20,7 @@ BASE, TRUTH = load_recording(PICK_AND_PLACE), read_truth(PICK_AND_PLACE)
 
 @pytest.mark.parametrize("start", STARTS)
 def test_only_what_lies_before_the_start_is_left_out(start: str) -> None:
-    later, found = begun(BASE, TRUTH, start)
+    later, found = with_shifted_start(BASE, TRUTH, start)
     kept = BASE.t >= BASE.t[0] + STARTS[start]
     np.testing.assert_array_equal(later.t, BASE.t[kept])
     np.testing.assert_array_equal(later.signals["force"], BASE.signals["force"][kept])
@@ -30,7 +30,7 @@ def test_only_what_lies_before_the_start_is_left_out(start: str) -> None:
 
 def test_observations_then_lie_elsewhere() -> None:
     """What is compared depends on it: the same rows with the same observations would show nothing."""
-    later, _ = begun(BASE, TRUTH, "40 ms later")
+    later, _ = with_shifted_start(BASE, TRUTH, "40 ms later")
     assert later.t[0] - BASE.t[0] == pytest.approx(0.04)
     first, second = ({one.probability for one in segmented(r).changepoints} for r in (BASE, later))
     assert first

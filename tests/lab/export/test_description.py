@@ -15,7 +15,7 @@ from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.unstored_batch_export import save_unstored
 from caesura_lab.export.lerobot_dataset import write_sessions
 from caesura_lab.export.mcap_file import write_mcap
-from caesura_lab.export.session_export import read_session_export
+from caesura_lab.export.session_from_journal import read_session_export
 from caesura_protocol.codec import encode, pack_samples
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.formats.write import write_csv

@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from caesura_lab.export.mcap_file import write_mcap
-from caesura_lab.export.session_export import read_session_export
+from caesura_lab.export.session_from_journal import read_session_export
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.formats.write import write_csv
 from caesura_protocol.recording import Recording, RecordingError

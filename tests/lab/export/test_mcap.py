@@ -14,7 +14,7 @@ from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 
 from caesura_lab.export.mcap_file import entries, write_mcap
-from caesura_lab.export.session_export import read_session_export
+from caesura_lab.export.session_from_journal import read_session_export
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.formats.mcap_schemas import CHANNELS, schema_of
 from caesura_protocol.formats.mcap_write import UPRIGHT

@@ -17,7 +17,7 @@ from mcap.writer import Writer
 from typer.testing import CliRunner
 
 from caesura_lab.export.mcap_file import write_mcap as write_session
-from caesura_lab.export.session_export import read_session_export
+from caesura_lab.export.session_from_journal import read_session_export
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.formats.mcap_write import McapContent, write_mcap
 from caesura_protocol.formats.read import load_recording

@@ -36,8 +36,8 @@ from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.profile_library import ProfileLibrary, first_order, minimum_jerk, overdamped
 from caesura_service.changepoint.profile_model import DisplacementPrior, ProfileModel
 from caesura_service.changepoint.random_walk import StudentRandomWalk
-from caesura_service.changepoint.rate_of_change_bounds import RateOfChangeBounds
 from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
+from caesura_service.changepoint.step_size_weight import StepSizeWeight
 from caesura_service.changepoint.traced_motion import TracedMotion
 from caesura_service.changepoint.turn_in_place import TurnInPlace
 from caesura_service.changepoint.turn_resistance import TurnResistance
@@ -247,7 +247,7 @@ EVERYTHING: dict[str, ChannelModel] = {
     "corner of a turn": CornerWeight(gamma=30.0, pace=0.005, channel="rotation"),
     "no rise": NoContactRise(scale=1.0),
     "no rise but a weight's": NoContactRise(scale=1.0, most_kg=0.1),
-    "pace": RateOfChangeBounds("rotation", least=0.02, most=0.1),
+    "pace": StepSizeWeight("rotation", least=0.02, most=0.1),
     "resistance": TurnResistance(least=0.2, aligned=0.5),
     "no resistance": TurnResistance(most=0.2),
     "pivot": TurnInPlace(floor=0.001, share=0.02, reach=0.1),

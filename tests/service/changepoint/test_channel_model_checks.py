@@ -24,7 +24,7 @@ from caesura_service.changepoint.evidence import known_mean_log_evidence, log_me
 from caesura_service.changepoint.force_rise_penalty import NoContactRise
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.profile_model import ProfileModel
-from caesura_service.changepoint.rate_of_change_bounds import RateOfChangeBounds
+from caesura_service.changepoint.step_size_weight import StepSizeWeight
 from caesura_service.changepoint.turn_in_place import TurnInPlace
 from caesura_service.changepoint.turn_resistance import TurnResistance
 from service.changepoint.catalogue import (
@@ -329,7 +329,7 @@ def test_the_catalogue_has_every_model_of_every_preset() -> None:
         DissipativeContactWeight,
         CornerWeight,
         NoContactRise,
-        RateOfChangeBounds,
+        StepSizeWeight,
         TurnInPlace,
         TurnResistance,
     }

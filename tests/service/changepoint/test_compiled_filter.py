@@ -16,7 +16,7 @@ from caesura_service.changepoint import evidence
 from caesura_service.changepoint.channel_model import ChannelModel, Choice, ModelInput, Noise
 from caesura_service.changepoint.compiled_filter import CompiledRunLengthFilter, can_compile
 from caesura_service.changepoint.evidence_window import outline_of
-from caesura_service.changepoint.filter_choice import filter_for
+from caesura_service.changepoint.filter_choice import make_filter
 from caesura_service.changepoint.filter_parameters import FilterParameters
 from caesura_service.changepoint.guided_motion import GuidedMotion
 from caesura_service.changepoint.hazard import Geometric, Hazard, NegativeBinomial, Refractory, Uniform
@@ -243,7 +243,7 @@ class Own(StudentRandomWalk):
 def test_what_has_no_compiled_twin_gets_the_reference() -> None:
     lattice = alone(Own("position", 1.0))
     assert not can_compile(lattice)
-    assert isinstance(filter_for(lattice, HAZARD, FilterParameters()), RunLengthFilter)
+    assert isinstance(make_filter(lattice, HAZARD, FilterParameters()), RunLengthFilter)
     with pytest.raises(ValueError, match="no compiled twin for one of"):
         CompiledRunLengthFilter(lattice, HAZARD)
 

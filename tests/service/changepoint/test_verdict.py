@@ -11,9 +11,9 @@ from caesura_service.changepoint.channel_model_checks import NOWHERE, rows_after
 from caesura_service.changepoint.constant_models import GripperHoldingChain, HoldingStates
 from caesura_service.changepoint.default_presets import DEFAULT
 from caesura_service.changepoint.evidence_window import PathSegment
-from caesura_service.changepoint.rate_of_change_bounds import RateOfChangeBounds
 from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
 from caesura_service.changepoint.segments import Classification, verdict
+from caesura_service.changepoint.step_size_weight import StepSizeWeight
 from caesura_service.segmentation.observation_store import ObservationStore
 from service.sessions.observing import observation
 
@@ -24,7 +24,7 @@ KINDS = (
     SegmentKind("turning", "motion", "free", ("any",)),
     SegmentKind("turning", "motion", "transport", ("any",)),
 )
-LATTICE = SegmentModelSet({"any": RateOfChangeBounds("rotation")}, KINDS)
+LATTICE = SegmentModelSet({"any": StepSizeWeight("rotation")}, KINDS)
 
 
 def shown(evidence: tuple[float, ...], *, is_turn: bool | None) -> Classification:

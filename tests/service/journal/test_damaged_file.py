@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from caesura_lab.export.session_export import read_session_export
+from caesura_lab.export.session_from_journal import read_session_export
 from caesura_protocol.keys import StoredPage
 from caesura_protocol.messages import Ack, Edit, Insert, Undo
 from caesura_service.journal import JournalError, JournalSettings, PeerJournals, Record, SqliteJournal

@@ -201,7 +201,7 @@ def test_what_was_refused_is_kept_aside_in_the_journal(pair, caplog):
     begun(a)
     frozen(a, LATE, succeeding(b, KEPT))
     a.take()
-    assert f"{STATION}/{NAME} has what was refused" in caplog.text
+    assert f"{STATION}/{NAME} has records that conflict" in caplog.text
     with closing(sqlite3.connect(a.path)) as database:
         (aside,) = database.execute("SELECT session FROM sessions WHERE damage IS NOT NULL").fetchall()
     assert ".refused-" in aside[0]

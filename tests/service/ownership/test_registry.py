@@ -366,7 +366,7 @@ def test_a_session_that_is_as_long_as_one_may_be_is_closed_and_others_go_on():
     refusal = long.state.counters.last_refusal
     assert refusal is not None
     assert refusal.code == "too_large"
-    assert "as long as one may be and is closed: 10 observations; open another" in refusal.message
+    assert "has reached its limit of 10 observations and is closed: open another" in refusal.message
     assert published(said, SessionStatus)[-1].state == "closed"
     registry.handle_samples(STATION, batches(1, "s2")[0], 0.0)
     assert short.state.counters.batches == 1

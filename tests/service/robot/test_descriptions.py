@@ -245,7 +245,7 @@ def test_an_unusable_robot_is_named_beside_the_list_of_the_others(
         ),
         (URDF, {"flange": "tip"}, "has no frame 'tip', which planar states"),
         (URDF, {"tool": "gripper"}, "has no frame 'gripper', which planar states"),
-        ("<robot", {}, "no URDF"),
+        ("<robot", {}, "not a valid URDF"),
     ],
 )
 def test_a_urdf_that_does_not_fit_is_refused(

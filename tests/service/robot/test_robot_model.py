@@ -230,7 +230,7 @@ def test_a_way_from_a_stretched_arm_names_the_pose(robot: Robot) -> None:
     """It was called a singular matrix."""
     stretched = np.zeros(JOINTS)
     (place,), (turn,) = robot.flange_poses(stretched[None])
-    with pytest.raises(ReachError, match="cannot be reached on its way"):
+    with pytest.raises(ReachError, match="cannot be reached from the one before it"):
         robot.joints_along([[*place[:2], place[2] - 1e-3, *turn]], stretched)
 
 

@@ -158,7 +158,7 @@ def test_what_cannot_be_read_back_is_named_with_what_to_do(found, monkeypatch) -
     with monkeypatch.context() as patch:
         patch.setattr("os.pread", read)
         with pytest.raises(
-            OSError, match=r"beside the journal cannot be read back.*the journal has the session"
+            OSError, match=r"the session's observations cannot be read.*rebuilds the session from the journal"
         ):
             log.read(0, len(data))
     assert log.read(0, len(data)) == data

@@ -22,9 +22,9 @@ from caesura_service.cooperative_scheduler import give_way
 from caesura_service.publishing.events import PipelineFactory
 from caesura_service.segmentation.pipeline_interface import Pipeline
 from caesura_service.server import outbound, station_manager
-from caesura_service.server.blocking_sends import WAITING, Lanes
 from caesura_service.server.memory_network import in_memory
 from caesura_service.server.rate_limit_settings import RateLimits
+from caesura_service.server.station_send_threads import WAITING, StationSendThreads
 from harness.fake_pipeline import FakePipeline, make_fake_pipeline
 from harness.peer import DEADLINE_S, MemoryPeer
 from harness.processes import eventually
@@ -344,7 +344,7 @@ def test_of_one_lane_one_job_is_done_after_the_other_and_so_many_wait(gate, begu
         begun.set()
         gate.wait(DEADLINE_S)
 
-    with Lanes() as lanes:
+    with StationSendThreads() as lanes:
         assert lanes.submit("slow", wait)
         assert begun.wait(DEADLINE_S)
         assert [lanes.submit("slow", partial(done.append, n)) for n in range(WAITING)].count(

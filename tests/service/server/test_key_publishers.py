@@ -15,9 +15,9 @@ from caesura_protocol.transport.transport_interface import Priority
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.server import key_publishers
-from caesura_service.server.blocking_sends import Lanes
 from caesura_service.server.key_publishers import KeyPublishers
 from caesura_service.server.memory_network import MemoryPublisher, MemorySession
+from caesura_service.server.station_send_threads import StationSendThreads
 from harness.fake_pipeline import make_fake_pipeline
 from harness.peer import MemoryPeer, Received
 from harness.processes import eventually
@@ -124,7 +124,7 @@ def test_messages_keep_their_order_while_publishers_are_declared_and_let_go(monk
     monkeypatch.setattr(key_publishers, "PUBLISHERS", publishers)
     network, keys = Slow(), [session_key("cell-1", f"s{number}", "status") for number in range(3)]
     pause = threading.Event()
-    with Lanes() as lanes:
+    with StationSendThreads() as lanes:
         results = KeyPublishers(network, lanes)  # type: ignore[arg-type]
         for seq in range(MESSAGES):
             for key in keys:
@@ -147,7 +147,7 @@ def test_more_keys_than_may_be_declared_are_published_while_the_router_accepts_n
         peer.subscribed(station_key("*", "program"), lambda sample: came.append(sample.key)),
     ):
         try:
-            with Lanes() as lanes:
+            with StationSendThreads() as lanes:
                 results = KeyPublishers(held, lanes)
                 keys = [station_key(f"cell-{number}", "program") for number in range(300)]
                 for key in keys:

@@ -9,12 +9,12 @@ import pytest
 import zenoh
 
 from caesura_service.publishing.events import RequestReplay
-from caesura_service.server.blocking_sends import Lanes
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound_events import Arrival, ReplayFinished
 from caesura_service.server.key_publishers import KeyPublishers
 from caesura_service.server.outbound import REPLAYS, ResultPublisher
 from caesura_service.server.rate_limit_settings import RateLimits
+from caesura_service.server.station_send_threads import StationSendThreads
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 from caesura_service.server.zenoh_network import ZenohNetwork
 
@@ -43,7 +43,7 @@ def closed() -> ZenohNetwork:
 @pytest.mark.parametrize("network", [Broken, closed])
 def test_a_question_that_fails_ends_once_and_the_next_ones_go(network: Callable[[], Any]):
     inbox: WorkQueue[Arrival] = WorkQueue(QueueSettings())
-    with Lanes() as lanes:
+    with StationSendThreads() as lanes:
         session = network()
         publishers = KeyPublishers(session, lanes)
         outgoing = ResultPublisher(session, inbox, Budgets(RateLimits()), lanes, publishers)

@@ -23,7 +23,7 @@ from caesura_clients.dashboard.program_differences import compared_versions
 from caesura_clients.dashboard.program_edits import ProgramDesk
 from caesura_clients.dashboard.program_simulation import SPEEDS, Simulation, SimulatorBusyError
 from caesura_clients.dashboard.program_timeline import Timeline
-from caesura_clients.dashboard.session_list_rows import PartChoice
+from caesura_clients.dashboard.replacement_sessions import ReplacementSessions
 from caesura_clients.dashboard.station_summary import (
     DashboardState,
     StationSummary,
@@ -109,7 +109,7 @@ class SessionPage:
         self._is_building = False
         self._last: int | None = None  # number of the last app that is listed; None: the newest
         self._shown: dict[str, Any] = {}
-        self._parts = PartChoice()
+        self._parts = ReplacementSessions()
         self._columns_from = -1.0  # [s] run lengths up to there were sent; negative: none
         self._columns_of = ""  # which session
         self._tick()

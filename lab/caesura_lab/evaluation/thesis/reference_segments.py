@@ -1,8 +1,8 @@
 """The segment tables of the thesis (Fig. 4.6 to 4.19) as data.
 
-A boundary has the time of the thesis' table, and the act of the hand there: a mark of the demonstration's
-truth, or the place that the table gives for it. A simulated hand is where the thesis' was only up to some
-tenths of a second, so that its own event counts as well as the thesis' time
+A boundary has the time of the thesis' table and an event, by which it is found in the simulated
+demonstration: a mark of its truth, or a position from the table. The simulated hand differs from the thesis'
+by some tenths of a second, so a boundary at its own event is accepted too
 (`table_row_comparison.references`).
 """
 

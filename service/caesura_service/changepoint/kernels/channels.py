@@ -120,7 +120,7 @@ def random_walk(ctx, c, joins):
 
 @compiled
 def rate_bounds(ctx, c, joins):
-    """`RateOfChangeBounds`. Field: Σ log weight. The step is the same for every hypothesis."""
+    """`StepSizeWeight`. Field: Σ log weight. The step is the same for every hypothesis."""
     model, state = model_at(ctx), state_at(ctx)
     channel, log_weight = model.channels[c], 0.0
     if joins:

@@ -49,8 +49,8 @@ from caesura_service.changepoint.kernels.layout import (
 )
 from caesura_service.changepoint.profile_model import ProfileModel
 from caesura_service.changepoint.random_walk import StudentRandomWalk
-from caesura_service.changepoint.rate_of_change_bounds import RateOfChangeBounds
 from caesura_service.changepoint.segment_model_set import SegmentModelSet
+from caesura_service.changepoint.step_size_weight import StepSizeWeight
 from caesura_service.changepoint.traced_motion import TracedMotion
 from caesura_service.changepoint.turn_in_place import TurnInPlace
 from caesura_service.changepoint.turn_resistance import LEAST_FORCE_N, TurnResistance
@@ -372,7 +372,7 @@ def _padded(values: ArrayLike, room: int) -> NDArray[Any]:
     return padded
 
 
-def _rate_bounds(model: RateOfChangeBounds) -> Record:
+def _rate_bounds(model: StepSizeWeight) -> Record:
     return {
         "model": layout.RATE_BOUNDS,
         "signal": SIGNALS[model.channel],
@@ -426,7 +426,7 @@ RECORDS: Mapping[type, Callable[[Any], Record]] = {
     TracedMotion: _traced_motion,
     CornerWeight: _corner_weight,
     TurnInPlace: _turn_in_place,
-    RateOfChangeBounds: _rate_bounds,
+    StepSizeWeight: _rate_bounds,
     NoContactRise: _no_contact_rise,
     TurnResistance: _turn_resistance,
 }
@@ -447,7 +447,7 @@ _WIDTHS: Mapping[type, int] = {
     TracedMotion: 2 + MOST_SHARES + AXES,
     CornerWeight: MOST_CHORDS,
     TurnInPlace: 15,
-    RateOfChangeBounds: 1,
+    StepSizeWeight: 1,
     NoContactRise: 2,
     TurnResistance: 1,
 }

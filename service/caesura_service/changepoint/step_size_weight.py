@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class RateOfChangeBounds:
+class StepSizeWeight:
     """A weight on every step of a channel; the evidence has no density of the channel's values.
 
     least [unit] weighs a step by 1 − exp(−step²/2 least²), and most [unit] by exp(−step²/2 most²); 0 disables

@@ -5,7 +5,8 @@ not read, the call blocks until its link is closed, five seconds later. In the w
 all stations. So each station has a lane, in which messages are sent one after the other, and a blocked
 station occupies one thread.
 
-Where the system gives no thread, as without memory, the threads that run do the work: one starts at once.
+Where the system gives no further thread, as without memory, those that run do the work. The first starts with
+the context.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ WAITING = 128  # of one station: its commands that may wait, and its replays
 Job = Callable[[], None]
 
 
-class Lanes:
+class StationSendThreads:
     """Runs jobs while the context lasts: those of one lane in order, those of several concurrently."""
 
     def __init__(self) -> None:
@@ -82,7 +83,8 @@ class Lanes:
         except RuntimeError as error:
             if self._log_rate.allows(""):
                 logger.error(
-                    "answers may be late (%s): check the memory and the limits of this process", error
+                    "replies may be late: no further thread starts (%s), check the memory and limits",
+                    error,
                 )
         else:
             self._threads.append(thread)
@@ -94,7 +96,7 @@ class Lanes:
                 job()
             except Exception:
                 if self._log_rate.allows(lane):
-                    logger.exception("an answer or a question for %s was not sent", lane)
+                    logger.exception("a reply or a replay request for %s was not sent", lane)
             self._finish_job(lane)
 
     def _next_job(self) -> tuple[str, Job] | None:

@@ -24,8 +24,8 @@ from caesura_service.journal import (
     Record,
     SqliteJournal,
 )
-from caesura_service.journal.open_session_quota import ENDING_BYTES
 from caesura_service.journal.retention import StationUsage, excess, open_part, part_of
+from caesura_service.journal.station_quota import ENDING_BYTES
 from caesura_service.ownership.registry import Registry
 from harness.journals import not_written
 from harness.sessions import answer, batch, batches, closing, heartbeat, new_registry, opening

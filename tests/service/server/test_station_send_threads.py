@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from caesura_service.server.blocking_sends import Lanes
+from caesura_service.server.station_send_threads import StationSendThreads
 
 DEADLINE_S = 10.0
 
@@ -18,7 +18,7 @@ def refuse(_thread: threading.Thread) -> None:
 
 def test_answers_are_sent_while_no_further_thread_can_be_started(monkeypatch):
     answered = [threading.Event() for _ in range(3)]
-    with Lanes() as lanes:
+    with StationSendThreads() as lanes:
         monkeypatch.setattr(threading.Thread, "start", refuse)
         for number, event in enumerate(answered):
             assert lanes.submit(f"cell-{number}", event.set)
@@ -28,7 +28,7 @@ def test_answers_are_sent_while_no_further_thread_can_be_started(monkeypatch):
 @pytest.mark.parametrize("again", ["cell-1", "cell-2"])
 def test_a_station_whose_thread_could_not_be_started_is_answered_once_one_can(monkeypatch, again):
     blocked, first, second = threading.Event(), threading.Event(), threading.Event()
-    with Lanes() as lanes:
+    with StationSendThreads() as lanes:
         try:
             assert lanes.submit("slow", lambda: blocked.wait(DEADLINE_S) and None)
             with monkeypatch.context() as without_memory:

@@ -26,7 +26,7 @@ ENDING_BYTES = 1 << 20  # of a station past its share, for these
 _ENDING_ENCODINGS = frozenset(map(encoding_of, ENDING))
 
 
-class OpenSessions:
+class StationQuota:
     """The sizes of the open sessions of a journal, on disk and queued. The caller holds the lock."""
 
     def __init__(self) -> None:

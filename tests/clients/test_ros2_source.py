@@ -23,6 +23,7 @@ from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.mapping_file_read import ColumnMapping
 from caesura_protocol.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, WRENCH
 from caesura_protocol.recording import Recording
+from caesura_protocol.robots import robot_description
 from caesura_protocol.transport.zenoh_transport import SETTINGS, ZenohTransport
 from caesura_service.offline_segmentation import segment_recording
 from clients.bridging import QUICK
@@ -228,6 +229,20 @@ def test_franka_is_found_by_its_type_alone(router, demonstration):
     assert np.array_equal(column["fz"], recording.signals["force"][:, 2])
     assert column["mz"].tolist() == [0.5] * n
     assert column["tau7"].tolist() == [1.0] * n
+
+
+def test_joints_named_as_those_of_the_stated_robot_need_no_mapping(router):
+    joints = {name: (i + 1) / 10 for i, name in enumerate(reversed(robot_description("ur5e").joints))}
+    messages = [
+        ("/joint_states", JOINT_STATE, 0, ros.joints(ros.BEGAN_NS + i * 10**7, joints)) for i in range(60)
+    ]
+    with (
+        publisher(router, "rmw_zenoh") as node,
+        opened(router, node, early(messages), robot="ur5e") as source,
+    ):
+        rows = rows_of(source, node, messages, len(messages))
+    assert source.columns == ("t", "q1", "q2", "q3", "q4", "q5", "q6")
+    assert rows[:, 1:].tolist() == [[0.6, 0.5, 0.4, 0.3, 0.2, 0.1]] * len(rows)
 
 
 def test_a_pedal_on_a_topic_marks_where_the_robot_is(router, demonstration, memory):

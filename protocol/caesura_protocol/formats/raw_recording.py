@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-class WrenchStatement(NamedTuple):
-    """A user's statements on a wrench whose file states nothing; None: not stated."""
+class UserStatements(NamedTuple):
+    """A user's statements on the wrench and the arm of a file that states neither; None: not stated."""
 
-    source: str | None = None  # a `WrenchSource`
+    wrench_source: str | None = None  # a `WrenchSource`
     force_frame: str | None = None  # a `ForceFrame`
+    robot: str | None = None  # the arm's name, or the path of its description
 
 
 class RawRecording(NamedTuple):

@@ -19,7 +19,7 @@ from caesura_protocol.formats.csv_read import read_csv
 from caesura_protocol.formats.csv_read_mapped import read_mapped_csv
 from caesura_protocol.formats.mapping_file_read import load_mapping
 from caesura_protocol.formats.npz_read import read_npz
-from caesura_protocol.formats.raw_recording import Array, RawRecording, WrenchStatement
+from caesura_protocol.formats.raw_recording import Array, RawRecording, UserStatements
 from caesura_protocol.formats.sample_checks import (
     check_clock,
     check_time_steps,
@@ -106,7 +106,7 @@ def load_recording(
         if value is not None and not is_option(key, value):
             raise RecordingError(wrong_option(key, value, OPTIONS[key]))
     of_cell = _stated_up(up) | ({} if robot is None else {"robot": robot_description(robot).name})
-    raw = _read(path, mapping, WrenchStatement(wrench_source, force_frame))
+    raw = _read(path, mapping, UserStatements(wrench_source, force_frame, robot))
     arrays, options, ignored = raw.arrays, raw.options, raw.ignored
     if "t" not in arrays or not {"pos", "q"} & set(arrays):
         names = ", ".join([*arrays, *ignored]) or "no arrays"
@@ -356,7 +356,7 @@ def recordings_of(paths: Iterable[Path]) -> list[Path]:
     return list(dict.fromkeys(found))
 
 
-def _read(path: Path, mapping: Path | None, stated: WrenchStatement) -> RawRecording:
+def _read(path: Path, mapping: Path | None, stated: UserStatements) -> RawRecording:
     if not path.exists() and path.suffix.lower() in _READERS:
         raise RecordingError(f"{path}: no such file")
     reader = _READERS.get(path.suffix.lower())
@@ -411,16 +411,16 @@ def _as_matrix(values: Array) -> Array:
     return values[:, None] if values.ndim == 1 else values
 
 
-def _read_npz(path: Path, mapping: Path | None, stated: WrenchStatement) -> RawRecording:
+def _read_npz(path: Path, mapping: Path | None, stated: UserStatements) -> RawRecording:
     _no_mapping(path, mapping)
     return read_npz(path)
 
 
-def _read_csv(path: Path, mapping: Path | None, stated: WrenchStatement) -> RawRecording:
+def _read_csv(path: Path, mapping: Path | None, stated: UserStatements) -> RawRecording:
     return read_csv(path) if mapping is None else read_mapped_csv(path, load_mapping(mapping))
 
 
-def _read_mcap(path: Path, mapping: Path | None, stated: WrenchStatement) -> RawRecording:
+def _read_mcap(path: Path, mapping: Path | None, stated: UserStatements) -> RawRecording:
     """Read Caesura's MCAP, or a rosbag2 that is one file."""
     with import_extra("mcap", path):
         from caesura_protocol.formats.mcap_read import ROS2, profile_of, read_mcap  # noqa: PLC0415 - an extra
@@ -430,7 +430,7 @@ def _read_mcap(path: Path, mapping: Path | None, stated: WrenchStatement) -> Raw
     return read_mcap(path)
 
 
-def _read_rosbag(path: Path, mapping: Path | None, stated: WrenchStatement) -> RawRecording:
+def _read_rosbag(path: Path, mapping: Path | None, stated: UserStatements) -> RawRecording:
     with import_extra("ros2", path):
         from caesura_protocol.formats.rosbag import read_rosbag  # noqa: PLC0415 - an extra
     return read_rosbag(path, None if mapping is None else load_mapping(mapping), stated)
@@ -443,7 +443,7 @@ def _no_mapping(path: Path, mapping: Path | None) -> None:
         )
 
 
-_Reader = Callable[[Path, Path | None, WrenchStatement], RawRecording]
+_Reader = Callable[[Path, Path | None, UserStatements], RawRecording]
 _READERS: Mapping[str, _Reader] = {
     ".npz": _read_npz,
     ".csv": _read_csv,

@@ -20,11 +20,16 @@ from rosbags.rosbag2 import Reader, ReaderError
 
 from caesura_protocol.codec import signals_of
 from caesura_protocol.formats.mapping_file_read import ColumnMapping
-from caesura_protocol.formats.raw_recording import RawRecording, WrenchStatement
+from caesura_protocol.formats.raw_recording import RawRecording, UserStatements
 from caesura_protocol.formats.ros_messages import TopicRule, definitions_of, stamp_of, topic_rules
 from caesura_protocol.formats.ros_types import READ, typestore
 from caesura_protocol.formats.signal_aligner import MAX_AGE_S, Row, SignalAligner
-from caesura_protocol.formats.topic_selection import Topic, TopicSelection, select_topics
+from caesura_protocol.formats.topic_selection import (
+    Topic,
+    TopicSelection,
+    select_topics,
+    with_arm_joints,
+)
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_protocol.recording import RecordingError
 
@@ -34,7 +39,7 @@ SLOWER = 2  # times as many values of the leading signal: the other one is held,
 FIRST_MESSAGES = 50  # messages of a topic, to find its signals: joint states may come from several nodes
 
 
-def read_rosbag(path: Path, mapped: ColumnMapping | None, stated: WrenchStatement) -> RawRecording:
+def read_rosbag(path: Path, mapped: ColumnMapping | None, stated: UserStatements) -> RawRecording:
     """Read a rosbag2's directory, or one of its files.
 
     Raises RecordingError, or ValueError for another file.
@@ -45,7 +50,9 @@ def read_rosbag(path: Path, mapped: ColumnMapping | None, stated: WrenchStatemen
         _check_types(path)
         with AnyReader([path], default_typestore=store) as reader:
             topics = _topics(reader, rules, path)
-            plan = select_topics(list(_first_messages(reader, topics)), mapped, stated)
+            first = with_arm_joints(list(_first_messages(reader, topics)), mapped, stated)
+            topics |= {topic.name: topic for topic, _ in first}
+            plan = select_topics(first, mapped, stated)
             return _content(path, reader, topics, plan, named=bool(rules))
     except (AnyReaderError, ReaderError, AssertionError, KeyError) as error:
         raise ValueError(f"{type(error).__name__}: {error}; {INCOMPLETE}") from error

@@ -8,16 +8,17 @@ error that names both, because only the user can choose.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from caesura_protocol.columns import JOINT_SIGNALS
 from caesura_protocol.formats.mapping_file_read import ColumnMapping
-from caesura_protocol.formats.raw_recording import WrenchStatement
+from caesura_protocol.formats.raw_recording import UserStatements
 from caesura_protocol.formats.ros_messages import TopicRule, Values, frame_of, values_of
 from caesura_protocol.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, WRENCH
 from caesura_protocol.messages import ESTIMATE, JOINTS
 from caesura_protocol.recording import RecordingError
+from caesura_protocol.robots import robot_description
 
 _RANK = {FRANKA_STATE: 3, POSE: 2, JOINT_STATE: 1, WRENCH: 4}
 
@@ -49,8 +50,28 @@ class TopicSelection:
         return {s: values for s, values in reported.items() if self.topic_of.get(s) == topic.name}
 
 
+def with_arm_joints(
+    messages: Sequence[tuple[Topic, Any]], mapped: ColumnMapping | None, stated: UserStatements
+) -> list[tuple[Topic, Any]]:
+    """Return the messages; the rule of a topic that has every joint of the stated arm names these joints.
+
+    The arm is the user's, or else the mapping's. A rule that names joints stays. Raises RobotError for an
+    unknown arm.
+    """
+    robot = stated.robot or ({} if mapped is None else mapped.options).get("robot")
+    if robot is None:
+        return list(messages)
+    joints = robot_description(robot).joints
+    named = {
+        topic.name: topic._replace(rule=replace(topic.rule, joints=joints))
+        for topic, message in messages
+        if topic.type == JOINT_STATE and topic.rule.joints is None and {*joints} <= {*message.name}
+    }
+    return [(named.get(topic.name, topic), message) for topic, message in messages]
+
+
 def select_topics(
-    messages: Sequence[tuple[Topic, Any]], mapped: ColumnMapping | None, stated: WrenchStatement
+    messages: Sequence[tuple[Topic, Any]], mapped: ColumnMapping | None, stated: UserStatements
 ) -> TopicSelection:
     """Select the topics and signals by some first messages of every topic. Raises RecordingError."""
     topics = {topic.name: topic for topic, _ in messages}
@@ -63,9 +84,9 @@ def select_topics(
         for topic, message in messages:
             if topic.type == JOINT_STATE and topic.rule.joints is None and len(message.name):
                 raise RecordingError(
-                    f"{topic.name}: which of its joints are the arm's? It has {', '.join(message.name)}, in "
-                    "no order. Name all of the arm, from the base on, as joints below "
-                    f'[topics."{topic.name}"] in a mapping, and state the arm with --robot'
+                    f"{topic.name}: which of its joints are the arm's? It has {', '.join(message.name)}. "
+                    "State the arm with --robot; if its description has other names, name all of the arm, "
+                    f'from the base on, as joints below [topics."{topic.name}"] in a mapping too'
                 )
         raise RecordingError(
             f"no topic carries the pose or the joints of the robot; "
@@ -93,7 +114,7 @@ def _options(
     topic_of: Mapping[str, str],
     messages: Sequence[tuple[Topic, Any]],
     mapped: ColumnMapping | None,
-    stated: WrenchStatement,
+    stated: UserStatements,
 ) -> dict[str, str]:
     said = {} if mapped is None else mapped.options
     of = topic_of.get("force") or topic_of.get("tau")
@@ -102,7 +123,7 @@ def _options(
     topic, message = next((topic, message) for topic, message in messages if topic.name == of)
     return {
         **{key: said[key] for key in ("hand_on_robot", "robot", "up") if key in said},
-        "wrench_source": said.get("wrench_source") or stated.source or _source_of(topic),
+        "wrench_source": said.get("wrench_source") or stated.wrench_source or _source_of(topic),
         "force_frame": said.get("force_frame") or _frame_of(topic, message, stated.force_frame),
     }
 

@@ -306,6 +306,38 @@ def test_a_gripper_is_read_beside_the_joints_of_two_arms_and_of_other_nodes(demo
     assert found.signals["gripper"].tolist() == [[0.02]]
 
 
+UR_JOINTS = (
+    "elbow_joint",
+    "shoulder_lift_joint",
+    "shoulder_pan_joint",
+    "wrist_1_joint",
+    "wrist_2_joint",
+    "wrist_3_joint",
+)  # in the order in which UR's driver publishes them
+
+
+@pytest.mark.parametrize("mapped", [False, True])
+def test_joints_named_as_those_of_the_stated_robot_need_no_mapping(tmp_path, mapped):
+    # `--robot ur5e` still asked for the joints, which its description names.
+    arm = ros.joints(ros.BEGAN_NS, {name: (i + 1) / 10 for i, name in enumerate(UR_JOINTS)})
+    alone = ros.joints(ros.BEGAN_NS, dict.fromkeys(ros.FINGERS, 0.01))
+    messages = [("/joint_states", JOINT_STATE, 0, message) for message in (alone, arm)]
+    bag = ros.write_bag(tmp_path / "bag", messages, "mcap")
+    how = tmp_path / "map.toml"
+    how.write_text('robot = "ur5e"\n')
+    stated = {"mapping": how} if mapped else {"robot": "ur5e"}
+    found = load_recording(bag, **stated)
+    assert found.signals["q"].tolist() == [[0.3, 0.2, 0.1, 0.4, 0.5, 0.6]]
+    assert found.setting.robot == "ur5e"
+
+
+def test_joints_with_other_names_than_the_stated_robot_are_asked_for(tmp_path):
+    messages = [("/joint_states", JOINT_STATE, 0, ros.joints(ros.BEGAN_NS, dict.fromkeys(UR_JOINTS, 0.5)))]
+    bag = ros.write_bag(tmp_path / "bag", messages, "mcap")
+    with pytest.raises(RecordingError, match="if its description has other names, name all of the arm"):
+        load_recording(bag, robot="iiwa14")
+
+
 def test_joints_that_are_named_may_come_between_those_of_other_nodes(tmp_path):
     how = tmp_path / "map.toml"
     how.write_text(f'[topics."/joint_states"]\njoints = {list(ros.ARM)}\n')

@@ -246,6 +246,7 @@ def _ros2(options: SourceOptions) -> Source:
         options.wrench_source,
         options.hand_on_robot,
         options.force_frame,
+        options.robot,
     )
 
 

@@ -25,11 +25,16 @@ import numpy as np
 from caesura_clients.bridge.sources import Chunk, Mark
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.mapping_file_read import ColumnMapping
-from caesura_protocol.formats.raw_recording import WrenchStatement
+from caesura_protocol.formats.raw_recording import UserStatements
 from caesura_protocol.formats.ros_messages import TopicRule, definitions_of, stamp_of, topic_rules
 from caesura_protocol.formats.ros_types import FRANKA_STATE, READ, CannotDecode, decoder
 from caesura_protocol.formats.signal_aligner import Row, SignalAligner
-from caesura_protocol.formats.topic_selection import Topic, TopicSelection, select_topics
+from caesura_protocol.formats.topic_selection import (
+    Topic,
+    TopicSelection,
+    select_topics,
+    with_arm_joints,
+)
 from caesura_protocol.messages import ForceFrame, HandOnRobot, LengthUnit, WrenchSource
 from caesura_protocol.number_words import fixed, interval
 from caesura_protocol.programs.safety import UNSET, CellSettings
@@ -115,6 +120,7 @@ class Ros2Source:
         wrench_source: str | None = None,
         force_frame: str | None = None,
         hand_on_robot: str | None = None,
+        robot: str | None = None,
         definitions: list[tuple[str, str]] | None = None,
         discover_s: float = DISCOVER_S,
         over: threading.Event | None = None,
@@ -132,7 +138,7 @@ class Ros2Source:
             for key in self._keys():
                 self._stack.enter_context(transport.subscribe(key, self._inbox))
             self._first_messages = self._discover(discover_s)
-            self._plan = self._selection(mapped, WrenchStatement(wrench_source, force_frame))
+            self._plan = self._selection(mapped, UserStatements(wrench_source, force_frame, robot))
         except BaseException:
             self._stack.close()
             raise
@@ -266,10 +272,17 @@ class Ros2Source:
             )
         return received
 
-    def _selection(self, mapped: ColumnMapping | None, stated: WrenchStatement) -> TopicSelection:
+    def _selection(self, mapped: ColumnMapping | None, stated: UserStatements) -> TopicSelection:
         with _as_source():
             pairs = [(one.topic, one.message) for one in self._first_messages if not one.topic.rule.mark]
+            pairs = with_arm_joints(pairs, mapped, stated)
+            self._rules |= {topic.name: topic.rule for topic, _ in pairs}
+            self._first_messages = [self._with_rule(one) for one in self._first_messages]
             return select_topics(pairs, mapped, stated)
+
+    def _with_rule(self, received: ReceivedMessage) -> ReceivedMessage:
+        topic = received.topic
+        return received._replace(topic=topic._replace(rule=self._rules.get(topic.name, topic.rule)))
 
 
 def open_ros2(
@@ -280,6 +293,7 @@ def open_ros2(
     wrench_source: str | None,
     hand_on_robot: str | None = None,
     force_frame: str | None = None,
+    robot: str | None = None,
 ) -> Ros2Source:
     """Open a source with its own connection to the ROS 2 router. Raises SourceError, Unreachable."""
     with _as_source():
@@ -292,6 +306,7 @@ def open_ros2(
             wrench_source=wrench_source,
             force_frame=force_frame,
             hand_on_robot=hand_on_robot,
+            robot=robot,
             definitions=definitions,
         )
     except BaseException:

@@ -188,15 +188,15 @@ def test_what_does_not_fit_the_format_is_one_line(directory, arguments, words, m
 
 def test_a_closed_session_can_be_deleted_while_the_service_runs_and_an_open_one_cannot(directory):
     with running(directory):
-        assert caesura("delete", "s2", "--journal", directory).stdout == "cell-1/s2 deleted\n"
-        refused = caesura("delete", "s1", "--station", "cell-1", "--journal", directory)
+        assert caesura("delete", "s2", "--yes", "--journal", directory).stdout == "cell-1/s2 deleted\n"
+        refused = caesura("delete", "s1", "--yes", "--station", "cell-1", "--journal", directory)
     assert (refused.exit_code, refused.stdout) == (1, "")
     assert "error: cell-1/s1 is open: `caesura stop cell-1`" in refused.stderr
     assert kept(directory) == ["cell-1/s1", "cell-2/s1"]
 
 
 def test_without_a_service_any_session_can_be_deleted(directory):
-    assert caesura("delete", "s1", "--station", "cell-1", "--journal", directory).exit_code == 0
+    assert caesura("delete", "s1", "--yes", "--station", "cell-1", "--journal", directory).exit_code == 0
     assert kept(directory) == ["cell-2/s1", "cell-1/s2"]
 
 
@@ -275,7 +275,7 @@ def test_a_copy_with_a_refused_close_is_exported_after_the_one_that_counts(direc
 def test_a_session_is_deleted_at_every_instance_that_has_it(directory):
     copied(directory, "other", len(guided().t) // BATCH_SAMPLES, close=True)
     with running(directory):  # where it is open, but not as far
-        done = caesura("delete", "s1", "--station", "cell-1", "--journal", directory)
+        done = caesura("delete", "s1", "--yes", "--station", "cell-1", "--journal", directory)
     assert done.stdout == "cell-1/s1 deleted\n", done.stderr
     assert kept(directory) == ["cell-2/s1", "cell-1/s2"]
     with SqliteJournal(journal_path(directory, "other")) as journal:
@@ -312,6 +312,17 @@ def test_on_a_terminal_delete_asks_first(directory):
         os.close(keys)
     assert "Delete samples, results and corrections of cell-1/s2 in " in done.stdout
     assert (done.returncode, "cell-1/s2" in kept(directory)) == (0, False)
+
+
+def test_without_a_terminal_delete_is_refused_unless_yes_is_said(directory):
+    # A script, or `docker exec` without -t, deleted for good without a question.
+    refused = caesura("delete", "s2", "--journal", directory)
+    assert (refused.exit_code, refused.stdout, len(kept(directory))) == (1, "", 3)
+    (line,) = refused.stderr.splitlines()
+    assert "cell-1/s2 is kept: there is no terminal to ask in. --yes deletes its samples" in line
+    assert str(directory) in line
+    assert caesura("delete", "s2", "--yes", "--journal", directory).exit_code == 0
+    assert "cell-1/s2" not in kept(directory)
 
 
 def test_who_says_no_keeps_the_session(directory, monkeypatch):

@@ -92,17 +92,22 @@ def delete(
     station: Station = None,
     journal: Directory = None,
     instance: Instance = None,
-    yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask on a terminal.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask. Needed without a terminal.")] = False,
 ) -> None:
     """Delete a session for good: its samples, results and corrections, in every journal of DIR.
 
     It runs on the service's machine and needs write access to the journal. While the service runs, only a
-    closed session is deleted. On a terminal it asks first.
+    closed session is deleted. It asks first; without a terminal to ask in, --yes is needed.
     """
     with reported():
         key, copies = _find_session(_journal_paths(journal, instance), session, station)
-        if not yes and sys.stdin.isatty():
+        if not yes:
             places = ", ".join(str(found.path) for found in copies)
+            if not sys.stdin.isatty():
+                raise CaesuraError(
+                    f"{'/'.join(key)} is kept: there is no terminal to ask in. --yes deletes its samples, "
+                    f"results and corrections in {places} without a question"
+                )
             typer.confirm(
                 f"Delete samples, results and corrections of {'/'.join(key)} in {places}?", abort=True
             )

@@ -40,7 +40,7 @@ def test_text_has_a_row_for_every_method():
     assert result.exit_code == 0, result.output
     for name in ("default", "integrated", "thresholds", "zero velocity", "PELT linear", "Gaussian online"):
         assert name in result.stdout
-    assert "default: true class" in result.stdout
+    assert "default: share of the time of each true class" in result.stdout
     assert max(map(len, result.stdout.splitlines())) <= 80
 
 

@@ -19,7 +19,7 @@ from caesura_lab.evaluation import motion_library_evidence as libraries
 from caesura_lab.evaluation.calibration import calibrate
 from caesura_lab.evaluation.methods import Method, MissingExtraError, PresetMethod, baselines
 from caesura_lab.evaluation.report import as_json, report
-from caesura_lab.evaluation.runner import RefusedRecording, Verdict, judge_all
+from caesura_lab.evaluation.runner import RefusedRecording, Verdict, each_or_refused, judge_all
 from caesura_lab.evaluation.score import Score
 from caesura_lab.evaluation.suites import (
     AS_STATED,
@@ -203,9 +203,7 @@ def evaluate(
             if evidence:
                 extent = SuiteOptions(seeds or SEEDS, first_seed, data, robot=robot)
                 cases = _cases(recordings or [], suite_name, extent, reading, known=list(SUITES))
-                for note in missing_recordings(suite_name, extent):
-                    typer.echo(note, err=True)
-                page = _evidence_page(suite_name, cases, workers)
+                page = _evidence_page(suite_name, cases, missing_recordings(suite_name, extent), workers)
             elif suite_name == ROUNDTRIP and not recordings:
                 people = range(first_seed, first_seed + (seeds or THESIS_SEEDS))
                 page = (
@@ -227,12 +225,14 @@ def evaluate(
                 else:
                     methods = _methods(preset or DEFAULT_PRESETS, with_baselines=with_baselines)
                 tolerance_options = [ToleranceOptions(s, tolerance) for s in sorted({0.0, slack})]
-                verdicts, refused = _judged(cases, methods, tolerance_options, workers)
+                results, refused = _accepted(
+                    judge_all(cases, methods, tolerance_options, workers=workers), cases
+                )
                 judged = SuiteVerdicts(
                     title=_title(suite_name, len(cases) - len(refused), tolerance),
                     methods=[method.name for method in methods],
-                    verdicts=verdicts,
-                    missing=[*missing, *(f"left out: {reason}" for reason in refused)],
+                    verdicts=[verdict for some in results for verdict in some],
+                    missing=[*missing, *_left_out(refused)],
                     refused=_refused_words(len(refused), len(cases)),
                 )
                 if suite_name in {None, "real"}:  # the others change recordings, or make them
@@ -328,15 +328,18 @@ def _mutation_page(count: int, workers: int) -> ResultPage:
     )
 
 
-def _evidence_page(suite_name: str | None, cases: Sequence[Case], workers: int) -> ResultPage:
-    evidences = libraries.sorted_by_recording(
-        _with_progress(each(libraries.library_evidence, cases, workers=workers), cases)
-    )
+def _evidence_page(
+    suite_name: str | None, cases: Sequence[Case], missing: Sequence[str], workers: int
+) -> ResultPage:
+    results, refused = _accepted(each_or_refused(libraries.library_evidence, cases, workers=workers), cases)
+    evidences = libraries.sorted_by_recording(results)
     title = libraries.title(f"suite {suite_name}" if suite_name else "files", evidences)
+    notes = [*missing, *_left_out(refused)]
     return ResultPage(
-        text=lambda: libraries.as_text(evidences, title),
-        markdown=lambda: libraries.as_markdown(evidences, title),
-        plain=lambda: libraries.as_json(evidences, title),
+        text=lambda: libraries.as_text(evidences, title, notes),
+        markdown=lambda: libraries.as_markdown(evidences, title, notes),
+        plain=lambda: libraries.as_json(evidences, title, notes),
+        refused=_refused_words(len(refused), len(cases)),
     )
 
 
@@ -448,20 +451,19 @@ def _cases(
     return files(recordings, reading)
 
 
-def _judged(
-    cases: Sequence[Case],
-    methods: Sequence[Method],
-    tolerance_options: Sequence[ToleranceOptions],
-    workers: int,
-) -> tuple[list[Verdict], list[str]]:
-    """Return the verdicts, and why recordings were refused. Raises TruthError if all were."""
-    found = list(_with_progress(judge_all(cases, methods, tolerance_options, workers=workers), cases))
+def _accepted(results: Iterator[R | RefusedRecording], cases: Sequence[Case]) -> tuple[list[R], list[str]]:
+    """Return the results, and why recordings were refused. Raises TruthError if all were."""
+    found = list(_with_progress(results, cases))
     refused = sorted(one.reason for one in found if isinstance(one, RefusedRecording))
     for reason in refused if len(refused) < len(found) else refused[1:]:
         typer.echo(f"error: {reason}", err=True)
     if len(refused) == len(found):
         raise TruthError(refused[0])
-    return [verdict for some in found if not isinstance(some, RefusedRecording) for verdict in some], refused
+    return [one for one in found if not isinstance(one, RefusedRecording)], refused
+
+
+def _left_out(refused: Sequence[str]) -> list[str]:
+    return [f"left out: {reason}" for reason in refused]
 
 
 def _refused_words(refused: int, of: int) -> str:

@@ -107,7 +107,7 @@ def library_evidence(case: Case) -> LibraryEvidence:
 def _load_recording(case: Case) -> Recording:
     """Load the recording of a case; a file need not be annotated here."""
     if isinstance(case, FileCase) and not truth_file(case.path).is_file():
-        return load_recording(case.path)
+        return load_recording(case.path, **case.reading._asdict())
     return case.load()[0]
 
 
@@ -151,18 +151,18 @@ def grid(evidences: Sequence[LibraryEvidence]) -> Grid:
     return Grid(NOTE, ("recording", "n", *LIBRARIES), tuple(rows))
 
 
-def as_text(evidences: Sequence[LibraryEvidence], heading: str) -> RenderableType:
-    """Render the results for a terminal."""
-    return Group(Text(heading, style="bold"), *rich_grid(grid(evidences)))
+def as_text(evidences: Sequence[LibraryEvidence], heading: str, missing: Sequence[str]) -> RenderableType:
+    """Render the results for a terminal. missing: notes on recordings without a result."""
+    return Group(Text(heading, style="bold"), *rich_grid(grid(evidences)), *map(Text, missing))
 
 
-def as_markdown(evidences: Sequence[LibraryEvidence], heading: str) -> str:
-    """Render the results as Markdown for a page."""
-    return f"**{heading}**\n\n{markdown_grid(grid(evidences))}\n"
+def as_markdown(evidences: Sequence[LibraryEvidence], heading: str, missing: Sequence[str]) -> str:
+    """Render the results as Markdown for a page. missing: as in `as_text`."""
+    return "\n\n".join([f"**{heading}**", markdown_grid(grid(evidences)), *missing]) + "\n"
 
 
-def as_json(evidences: Sequence[LibraryEvidence], heading: str) -> dict[str, Any]:
-    """Return the log evidences as plain values."""
+def as_json(evidences: Sequence[LibraryEvidence], heading: str, missing: Sequence[str]) -> dict[str, Any]:
+    """Return the log evidences as plain values. missing: as in `as_text`."""
     total = _totals(evidences)
     return {
         "title": heading,
@@ -173,4 +173,5 @@ def as_json(evidences: Sequence[LibraryEvidence], heading: str) -> dict[str, Any
             {"recording": one.recording, "observations": one.observations, "log_evidence": one.log_evidence}
             for one in evidences
         ],
+        "missing": list(missing),
     }

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 from caesura_lab.evaluation.conditioned_signals import grid_signals
 from caesura_lab.evaluation.methods import Method
@@ -36,6 +36,7 @@ class RefusedRecording:
 
 
 Verdict = Score | NotApplicable
+Result = TypeVar("Result")
 
 
 def judge(
@@ -89,14 +90,20 @@ def judge_all(
 
     With more than one worker, in processes.
     """
-    work = partial(_judge_or_refuse, methods=methods, tolerance_options=tolerance_options)
-    return each(work, cases, workers=workers)
+    return each_or_refused(
+        partial(judge, methods=methods, tolerance_options=tolerance_options), cases, workers=workers
+    )
 
 
-def _judge_or_refuse(
-    case: Case, methods: Sequence[Method], tolerance_options: Sequence[ToleranceOptions]
-) -> list[Verdict] | RefusedRecording:
+def each_or_refused(
+    work: Callable[[Case], Result], cases: Sequence[Case], *, workers: int = 1
+) -> Iterator[Result | RefusedRecording]:
+    """Yield the result of `work` for each case, or why it cannot be read, in no order."""
+    return each(partial(_or_refused, work), cases, workers=workers)
+
+
+def _or_refused(work: Callable[[Case], Result], case: Case) -> Result | RefusedRecording:
     try:
-        return judge(case, methods, tolerance_options)
+        return work(case)
     except (TruthError, RecordingError) as error:
         return RefusedRecording(str(error))

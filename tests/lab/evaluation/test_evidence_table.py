@@ -104,6 +104,43 @@ def test_a_recording_needs_no_annotation(tmp_path: Path, button: LibraryEvidence
     assert one["log_evidence"] == pytest.approx(button.log_evidence)
 
 
+def test_a_refused_recording_is_left_out_and_named(tmp_path: Path, button: LibraryEvidence):
+    # It ended the comparison of all recordings without a figure.
+    content = dict(np.load(BUTTON))
+    content["force"][7] = np.nan
+    np.savez(tmp_path / "spoilt.npz", **content)
+    shutil.copy(BUTTON, tmp_path / "whole.npz")
+    files = (tmp_path / "spoilt.npz", tmp_path / "whole.npz")
+    result = run(*files, "--format", "json", "--workers", "1")
+    why = "spoilt.npz: sample 7: fx is nan, expected a finite number"
+    refusal, last = result.stderr.splitlines()
+    assert refusal.startswith(f"error: {why}")
+    assert (result.exit_code, last) == (1, "error: 1 of 2 recordings refused")
+    found = json.loads(result.stdout)
+    assert [one["recording"] for one in found["per_recording"]] == ["whole.npz"]
+    (note,) = found["missing"]
+    assert note.startswith(f"left out: {why}")
+
+
+def test_a_file_without_an_annotation_is_read_with_the_stated_names_and_units(
+    tmp_path: Path, button: LibraryEvidence
+):
+    # The options were dropped where the truth was missing.
+    content = dict(np.load(BUTTON))
+    columns = np.column_stack([content["t"], content["pos"] * 1000.0, content["force"]])
+    names = "zeit,x_mm,y_mm,z_mm,a,b,c"
+    np.savetxt(tmp_path / "log.csv", columns, delimiter=",", header=names, comments="", fmt="%.17g")
+    (tmp_path / "map.toml").write_text(
+        'wrench_source = "flange_sensor"\nforce_frame = "base"\nlength_unit = "mm"\n'
+        '[time]\ncolumn = "zeit"\n'
+        '[columns]\npx = "x_mm"\npy = "y_mm"\npz = "z_mm"\nfx = "a"\nfy = "b"\nfz = "c"\n'
+    )
+    result = run(tmp_path / "log.csv", "--mapping", tmp_path / "map.toml", "--format", "json")
+    assert result.exit_code == 0, result.output
+    (one,) = json.loads(result.stdout)["per_recording"]
+    assert one["log_evidence"] == pytest.approx(button.log_evidence, rel=1e-6)
+
+
 def test_text_fits_a_terminal(monkeypatch: pytest.MonkeyPatch, button: LibraryEvidence):
     monkeypatch.setattr(motion_library_evidence, "library_evidence", lambda _: button)
     text = run(BUTTON).stdout

@@ -31,6 +31,11 @@ IS_COVERED = """() => {
   const { data } = document.querySelector(".plots").plots.state;
   return data !== null && data.instance === "dashboard";
 }"""
+# The rows of segments and of phases that end after the next one begins.
+OVERLAPPING = """() => {
+  const { segments, phases } = document.querySelector(".plots").plots.state;
+  return [segments, phases].flatMap((rows) => rows.slice(1).filter(([t0], i) => rows[i][1] > t0));
+}"""
 # Of each column the points of complete bins: those drawn, and those of one answer for the whole range.
 DRAWN_AND_WHOLE = """async () => {
   const state = document.querySelector(".plots").plots.state, held = state.data;
@@ -69,6 +74,8 @@ def test_a_page_gets_what_is_new_and_draws_as_if_it_had_got_everything(stage: St
     page.wait_for_function(IS_COVERED, timeout=COVERED_MS, polling=LOOK_MS)
     answers = page.evaluate(COUNT) + ANSWERS
     page.wait_for_function(f"() => ({COUNT})() >= {answers}", polling=LOOK_MS)
+
+    assert page.evaluate(OVERLAPPING) == [], "only the last segment and the last phase go on"
 
     first, *_, newest = sorted_apps(page)
     page.wait_for_function(

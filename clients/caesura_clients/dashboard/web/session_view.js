@@ -37,6 +37,7 @@ const POINTING = matchMedia("(pointer: coarse)").matches
   ? { choose: "Tap", correct: "hold your finger there to correct it", move: "drag it to see another time", opens: "a long press" }
   : { choose: "Click", correct: "right-click it to correct", move: "use the arrow keys in it", opens: "a right click" };
 
+const noRows = () => ({ segments: [], phases: [], changepoints: [] });
 const empty = () => ({
   segments: [], phases: [], changepoints: [], data: null, available: [], widest: 0,
   tare: null, frame: "base", start: 0, t: 0, closed: false, session: "", revision: 0, made: 0, undoable: false, redoable: false,
@@ -72,7 +73,7 @@ export default {
     };
   },
   created() {
-    Object.assign(this, { fingers: new Map(), drag: null, panned: false, waiting: 0, loading: false, origin: null, hasRecalled: false });
+    Object.assign(this, { fingers: new Map(), drag: null, panned: false, waiting: 0, loading: false, origin: null, hasRecalled: false, received: noRows() });
   },
   mounted() {
     this.plots = new Plots(this.$refs.panels, this, this.linked ? SHARED : new YScales());
@@ -175,7 +176,9 @@ export default {
       this.revision = Math.max(this.revision, this.made); // what was sent before an edit of this page may come after its answer
       if (this.refusedAt !== null && this.revision > this.refusedAt) Object.assign(this, { message: OUTDATED, failed: false, refusedAt: null });
       for (const name of ["segments", "phases", "changepoints"]) {
-        if (payload[name]) this[name] = Object.freeze([...this[name].slice(0, payload[name].first), ...payload[name].rows]);
+        if (!payload[name]) continue;
+        this.received[name] = Object.freeze([...this.received[name].slice(0, payload[name].first), ...payload[name].rows]);
+        this[name] = this.received[name];
       }
       this.letTheLastGoOn();
       if (payload.newColumns && this.columns) this.columns = Object.freeze([...this.columns, ...payload.newColumns].slice(-HELD_COLUMNS));
@@ -197,6 +200,7 @@ export default {
       if (this.busy || session !== this.session) Object.assign(this, { message: "", failed: false, refusedAt: null });
       this.forgetEffect();
       this.forgetActs();
+      this.received = noRows();
       const { available } = this; // the panels of the session before stand until the samples of this one are there
       Object.assign(this, empty(), { available, menu: null, asked: null, relabelled: null, selected: null, cursor: null, ghost: null, end: null, span: 30,
         busy: false, columns: this.columns && [], origin: null, fitted: false });
@@ -206,11 +210,12 @@ export default {
       this.fitted = true;
       if (this.replay || this.closed) this.span = this.longest();
     },
-    letTheLastGoOn() { // its end is published once a second only
+    letTheLastGoOn() { // its end is published once a second only; the rows that follow leave it as it was received
+      if (!this.received.phases.length) return; // a new page has only the first segment yet
       for (const name of ["segments", "phases"]) {
-        const last = this[name][this[name].length - 1];
+        const rows = this.received[name], last = rows[rows.length - 1];
         if (!last || this.closed || last[1] >= this.t) continue;
-        this[name] = Object.freeze([...this[name].slice(0, -1), [last[0], this.t, ...last.slice(2)]]);
+        this[name] = Object.freeze([...rows.slice(0, -1), [last[0], this.t, ...last.slice(2)]]);
       }
     },
     forgetWhatIsGone() {

@@ -49,7 +49,7 @@ class LiveView:
     """View of the newest segments of each station; one thread receives events, another draws.
 
     The content is replaced, never changed. current: returns the session of each station's program, and is
-    called when a session is unknown or was removed. has_router: as of `said_of_service`.
+    called when a session is unknown or was removed. has_router: as of `availability_text`.
     """
 
     def __init__(

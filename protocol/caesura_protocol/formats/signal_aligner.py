@@ -2,7 +2,7 @@
 
 A row is made for every value of the leading signal (`pos`, or else `q`). Each other signal has its newest
 value at or before that time, never a later one, which does not exist in a live stream. If a signal pauses for
-longer than `max_age_s`, no rows are made until it continues, and the service has a gap. A gripper may pause
+longer than MAX_AGE_S, no rows are made until it continues, and the service has a gap. A gripper may pause
 without a limit, because it publishes when it moves.
 """
 

@@ -19,7 +19,14 @@ from caesura_clients.client import Caesura, connect
 from caesura_clients.refusal_words import refusal_words
 from caesura_protocol.errors import AccessDenied, CaesuraError, NotFound, ProtocolError, Unreachable
 from caesura_protocol.keys import check_name
-from caesura_protocol.messages import FORCE_FRAMES, HANDS_ON_ROBOT, WRENCH_SOURCES, Vector
+from caesura_protocol.messages import (
+    FORCE_FRAMES,
+    HANDS_ON_ROBOT,
+    MOST_TOLERANCE_M,
+    MOST_TOLERANCE_RAD,
+    WRENCH_SOURCES,
+    Vector,
+)
 from caesura_protocol.plausibility import UNITS
 from caesura_protocol.programs.default_safety import cell_safety
 from caesura_protocol.programs.document import ProgramFile
@@ -63,7 +70,7 @@ ForceLimit = Annotated[
         help="Highest force [N] that an app of the program exerts. By default forces are as taught.",
     ),
 ]
-MOST_TOLERANCE_MM = 1000  # beyond it the number is in another unit: no arm strays by more
+MOST_TOLERANCE_MM = round(1000 * MOST_TOLERANCE_M)
 PathTolerance = Annotated[
     float | None,
     typer.Option(
@@ -77,7 +84,7 @@ AngleTolerance = Annotated[
     float | None,
     typer.Option(
         min=0.1,
-        max=180,
+        max=round(math.degrees(MOST_TOLERANCE_RAD)),
         metavar="DEG",
         help="Largest deviation of the orientation along it [°]; by default the service's, 1.",
     ),

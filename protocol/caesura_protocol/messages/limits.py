@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 MAX_MESSAGE_BYTES = 1 << 20
 MAX_WHOLE_BYTES = 1 << 26  # of a message that goes in pieces
 PIECE_BYTES = 1 << 19  # of its bytes in one of them
@@ -22,6 +24,8 @@ MAX_PART_APPS = 100  # that one edit puts in the place of a part
 MAX_TAUGHT_AGAIN = 300  # apps of a program that were taught again
 MAX_TAUGHT_AGAIN_HELD = 1000  # that its edits hold, also for undo; those that are undone do not count
 MAX_PART_BYTES = 1 << 19  # of the apps that one edit puts in the place of a part
+# Of the tolerances of new commands: beyond them the number is in another unit. Stored ones may be larger.
+MOST_TOLERANCE_M, MOST_TOLERANCE_RAD = 1.0, math.pi
 LEAST_SPEED, MOST_SPEED = 0.1, 2.0  # factors of the taught speed that an app, or a program, may have
 MAX_STATUS_TEXT = 1000  # characters of what a bridge says of itself
 MAX_SOURCE = 64  # characters of the name of what it reads from

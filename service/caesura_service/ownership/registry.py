@@ -53,6 +53,7 @@ from caesura_service.ownership.station_ownership import StationOwnership
 from caesura_service.ownership.stored_sessions import StoredSessions
 from caesura_service.ownership.takeover import SessionFactory, Takeover, is_behind
 from caesura_service.ownership.takeovers_in_turns import TakeoversInTurns
+from caesura_service.ownership.tolerance_limits import check_tolerances
 from caesura_service.program_edits.replacement_apps import apps_for
 from caesura_service.publishing.events import (
     BatchRejected,
@@ -251,6 +252,7 @@ class Registry:
                 owner = self.ownership.owner(station, now)
                 return [Reply(self._rebuilder.request(station, session, owner))]
             if isinstance(command, EditProgram) and session.repeated(command) is None:
+                check_tolerances(command)
                 command = self._with_apps(station, session, command)
             outputs = self._held.track(session, session.receive(command, now))
             if not isinstance(command, Preview):
@@ -394,6 +396,7 @@ class Registry:
             session = self._factory.new(station, opening, owner, opened)
             if known is not None:
                 return self._reopen(station, command, known, now)
+            check_tolerances(command)
             outputs = session.begin(opened)
         self._held.add(station, session)
         outputs = [*self._make_room(station, now), *outputs]

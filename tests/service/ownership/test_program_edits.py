@@ -210,6 +210,9 @@ def test_an_edit_on_an_older_program_is_refused_and_so_is_one_that_does_not_appl
         refused = edit(registry, ChangeApp(app=FIRST, gripper_width=0.01))
         assert isinstance(refused, ProtocolError)
         assert "'move' moves no fingers" in refused.message
+        wide = edit(registry, ChangeApp(app=FIRST, tolerance_m=5.0))  # typed in mm
+        assert isinstance(wide, ProtocolError)
+        assert "tolerance_m is 5, expected a number above 0 and at most 1" in wide.message
         assert program(registry).edit_revision == 1
 
 

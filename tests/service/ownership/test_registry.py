@@ -50,6 +50,11 @@ def test_an_opening_without_preset_gets_the_services_and_replays_with_it():
         ({"preset": "unheard-of"}, "unknown preset"),
         ({"columns": ("px", "t")}, "first column is not t"),
         ({"columns": ("t", "px", "px")}, "comes twice"),
+        ({"path_tolerance_m": 2.0}, "path_tolerance_m is 2, expected a number above 0 and at most 1"),
+        (
+            {"path_tolerance_rad": 57.0},
+            "path_tolerance_rad is 57, expected a number above 0 and at most 3.14",
+        ),
     ],
 )
 def test_an_opening_that_cannot_be_served_is_refused_and_leaves_nothing(fields, words):
@@ -60,6 +65,18 @@ def test_an_opening_that_cannot_be_served_is_refused_and_leaves_nothing(fields, 
     assert words in refusal.message
     assert registry.index.sessions == {}
     assert registry.counters.refused == {"malformed": 1}
+
+
+def test_a_session_stored_with_a_larger_tolerance_than_new_ones_may_have_goes_on(monkeypatch):
+    # Its opening was accepted before the service had a limit.
+    journal, command = MemoryJournal(), opening(path_tolerance_m=2.0)
+    with monkeypatch.context() as before:
+        before.setattr("caesura_service.ownership.registry.check_tolerances", lambda _: None)
+        assert isinstance(answer(new_registry(journal).handle_command(STATION, command, 0.0)), Ack)
+    registry = new_registry(journal)
+    reply = answer(registry.handle_command(STATION, command, 1.0))
+    assert isinstance(reply, Ack), reply
+    assert names(registry, STATION) == ["s1"]
 
 
 def test_a_pipeline_that_cannot_be_made_refuses_the_opening_only():

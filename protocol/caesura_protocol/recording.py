@@ -26,9 +26,10 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from caesura_protocol.columns import JOINT_SIGNALS
 from caesura_protocol.description_texts import DESCRIBED, description_texts
@@ -72,7 +73,8 @@ class UnknownColumnsError(RecordingError):
 class Recording:
     """One demonstration.
 
-    t: (n,) [s], in the order of arrival; signals: name → (n, width), names as in the module's table.
+    t: (n,) [s], in the order of arrival; signals: name → (n, width), names as in the module's table. Lists
+    become arrays.
     wrench_source: None if not stated; hand_on_robot: whether a person guides this robot by hand. ignored:
     names of other content of the file. declared_units: quantities whose unit a user declared: their
     implausible values are accepted, and `doubts` reports them. setting: the cell's requirements on the
@@ -102,7 +104,9 @@ class Recording:
     began_s: float | None = field(default=None, compare=False)  # [s] time of day at time 0; None: not known
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
+        object.__setattr__(self, "t", self._numbers("t", self.t))
+        signals = {signal: self._numbers(signal, values) for signal, values in self.signals.items()}
+        object.__setattr__(self, "signals", MappingProxyType(signals))
         if self.t.ndim != 1 or self.t.size == 0:
             remedy = (
                 ": write t.ravel()" if self.t.size and max(self.t.shape, default=0) == self.t.size else ""
@@ -142,6 +146,18 @@ class Recording:
                     f"finite number: {LEAVE_OUT}"
                 )
         self._check_options()
+
+    def _numbers(self, name: str, values: ArrayLike) -> Array:
+        """Return values as an array of floats; masked ones become nan. Raises RecordingError."""
+        try:
+            found: np.ma.MaskedArray[Any, np.dtype[Any]] = np.ma.asarray(values)
+        except (TypeError, ValueError) as error:  # such as rows of different lengths
+            raise RecordingError(f"{self.name}: {name} is no array of numbers: {error}") from error
+        if found.dtype.kind not in "biuf":
+            raise RecordingError(
+                f"{self.name}: {name} has elements of type {found.dtype}, expected an array of numbers"
+            )
+        return np.asarray(np.ma.filled(found.astype(np.float64, copy=False), np.nan))
 
     def _check_options(self) -> None:
         for key, known in OPTIONS.items():

@@ -61,6 +61,17 @@ def test_apps_are_counted_by_program_and_not_by_pair():
     )
 
 
+def test_an_app_has_its_name_as_at_its_card():
+    """A named app was listed by its kind alone."""
+    taught = program("grasp")
+    unnamed, named = (
+        taught.model_copy(update={"apps": (taught.apps[0].model_copy(update={"name": name}),)})
+        for name in (None, "Pick the cube")
+    )
+    ((table,)) = _tables(unnamed, named)["tables"]
+    assert [(row["first"], row["second"]) for row in table["rows"]] == [("1 · grasp", "1 · Pick the cube")]
+
+
 def loaded(page: Page) -> None:
     page.wait_for_function(LOADED, polling=LOOK_MS)
 

@@ -138,4 +138,6 @@ def _outcome(pairs: Sequence[AppPair]) -> str:
 
 
 def _named(apps: Sequence[App], index: int | None) -> str:
-    return "" if index is None else f"{app_number(index)} · {app_title(apps[index].kind)}"
+    if index is None:
+        return ""
+    return f"{app_number(index)} · {apps[index].name or app_title(apps[index].kind)}"

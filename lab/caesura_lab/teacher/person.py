@@ -39,7 +39,7 @@ class Person:
     hesitation: float = 0.0  # probability of a stop within a movement
     correction: float = 0.3  # probability of a small movement within a long pause
     preload_n: float = 2.0  # hand force before a movement starts
-    force_rate_per_s: float | None = None  # controls its force where it touches (`hand_force`), else its place
+    force_rate_per_s: float | None = None  # controls its force in contact (`hand_force`), else its place
     # The robot
     joint_friction: float = 1.0  # share of the arm's joint friction that its controller leaves
     position_noise_m: float = 5e-6

@@ -244,7 +244,10 @@ def test_a_drift_to_where_the_fingers_close_is_motion_in_no_app(off_m: float, wa
 def test_a_drift_in_a_rest_in_the_air_is_motion_in_no_app(rest_s: float, warned: bool):
     # A hand that was pulled aside by 8 mm within a rest of four seconds was in no app, without a word.
     apps = (move(0.0, there(0.1), there(0.2)), move(1.0 + rest_s, there(0.208), there(0.3)))
-    said = f"8 mm of motion taught at 1.0–{1.0 + rest_s} s {STRAIGHT}"
+    said = (
+        f"8 mm of motion taught at 1.0–{1.0 + rest_s} s are in no app: the robot joins the path of this app "
+        "after its start"
+    )
     assert [reason for _, reason in found(*apps) if "in no app" in reason] == [said] * warned
 
 

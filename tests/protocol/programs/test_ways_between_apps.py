@@ -62,6 +62,14 @@ def test_a_path_that_begins_nearby_is_joined_at_its_first_point() -> None:
     assert math.dist(joined.pose.translation, near) > 0.005
 
 
+def test_the_check_says_that_a_path_which_begins_nearby_is_joined_after_its_start() -> None:
+    # It said that the robot moves to the start, and no robot does within 10 mm.
+    rested = move(2.0, (0.309, -0.3, 0.4), LAST)
+    (found,) = (str(one) for one in document_findings(as_file((move(0.0, BEGINS, ENDS), rested))))
+    assert "9 mm of motion" in found
+    assert "are in no app: the robot joins the path of this app after its start" in found
+
+
 def test_a_turn_to_where_a_path_begins_is_a_way_in_the_air_and_none_in_contact() -> None:
     turned = move(2.0, ENDS, LAST, TURNED)
     (_, way) = ways_to_paths((move(0.0, BEGINS, ENDS), turned))

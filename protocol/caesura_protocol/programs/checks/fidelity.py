@@ -27,6 +27,7 @@ from caesura_protocol.programs.document import ProgramStep
 from caesura_protocol.programs.document_timing import ProgramTiming
 from caesura_protocol.programs.program_gripper import GRIP_REACH_M, GRIPS, SURE_SDS, held_loads
 from caesura_protocol.programs.safety import Safety
+from caesura_protocol.programs.ways_between_apps import WayToPath, ways_to_paths
 from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
 from caesura_protocol.rotations import angle_between
 from caesura_protocol.up_direction import GRAVITY, UP
@@ -82,11 +83,11 @@ def fidelity_findings(
     pose: ViaPoint | None = None
     part = taught_in = None  # the edit that taught the part of this app again, and that of the pose
     led = True  # whether what was taught led from the pose to this app
-    for index, app in enumerate(apps):
+    for index, (app, way) in enumerate(zip(apps, ways_to_paths(apps), strict=True)):
         part = part_of(app)
         led = led and part == taught_in and _follows(app)
         if led:
-            missed = _motion_before(pose, app, apps[index - 1] if index else app)
+            missed = _motion_before(pose, app, apps[index - 1] if index else app, way)
         else:
             missed = _seam(pose, app, EDITED_APART if part == taught_in else TAUGHT_APART)
         pauses = _pause_before(apps[index - 1], app, safety) if index else ()
@@ -171,15 +172,18 @@ def _pause_before(before: App, app: App, safety: Safety) -> Iterator[Reason]:
         )
 
 
-def _motion_before(pose: ViaPoint | None, app: App, before: App) -> Iterator[Reason]:
+def _motion_before(pose: ViaPoint | None, app: App, before: App, way: WayToPath | None) -> Iterator[Reason]:
     """Yield a finding on motion between two apps that no app reproduces.
 
-    The fingers of a robot move where the app before ends. before: that app.
+    The fingers of a robot move where the app before ends. before: that app; way: the robot's to the start of
+    this app's path.
     """
     start = _start_of(app) if app.path is not None or app.kind in GRIPS else None
     if pose is None or start is None:
         return
     seen, then = start.t, "the robot moves straight to the start of this app"
+    if way is None:
+        then = "the robot joins the path of this app after its start"
     if app.path is None:
         seen, then = app.tn, "the robot does not move before this app"
     when = f"{interval(min(pose.t, seen), seen, 1)} s"

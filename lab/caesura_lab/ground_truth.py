@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import WRENCH_SOURCES
 from caesura_protocol.number_words import fixed, interval
+from caesura_protocol.validation_words import not_one_of
 
 T = TypeVar("T")
 Stretch = TypeVar("Stretch", "TrueSegment", "MeasuredQuantity", "ScrewStroke")
@@ -293,7 +294,7 @@ def _text(entry: Mapping[str, Any], name: str) -> str:
 def _choice(entry: Mapping[str, Any], name: str, known: Sequence[str]) -> str | None:
     value: str | None = entry.get(name)
     if value is not None and value not in known:
-        raise ValueError(f"{name} is {value!r}, expected one of {', '.join(known)}")
+        raise ValueError(not_one_of(name, value, known))
     return value
 
 
@@ -327,7 +328,7 @@ def _window(values: Any) -> tuple[float, float]:
 def _point(mark: Mapping[str, Any], window: tuple[float, float]) -> TrueChangepoint:
     level = mark["level"]
     if level not in LEVELS:
-        raise ValueError(f"level is {level!r}, expected one of {', '.join(LEVELS)}")
+        raise ValueError(not_one_of("level", level, LEVELS))
     tolerance = _number(mark, "tol")
     if not tolerance >= 0.0:
         raise ValueError(f"tol is {tolerance}, expected 0 s or more")
@@ -349,7 +350,7 @@ def _number_within(mark: Mapping[str, Any], name: str, window: tuple[float, floa
 def _span(segment: Mapping[str, Any]) -> TrueSegment:
     kind = segment["cls"]
     if kind not in KINDS:
-        raise ValueError(f"cls is {kind!r}, expected one of {', '.join(KINDS)}")
+        raise ValueError(not_one_of("cls", kind, KINDS))
     return TrueSegment(*_ends(segment), kind)
 
 

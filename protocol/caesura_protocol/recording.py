@@ -53,6 +53,7 @@ from caesura_protocol.messages import (
 from caesura_protocol.number_words import counted
 from caesura_protocol.plausibility import UNITS, WIRE_UNIT, Implausible, doubts, implausible
 from caesura_protocol.programs.safety import UNSET, CellSettings
+from caesura_protocol.validation_words import not_one_of
 
 Array = NDArray[np.float64]
 
@@ -162,9 +163,7 @@ class Recording:
     def _check_options(self) -> None:
         for key, known in OPTIONS.items():
             if not is_option(key, getattr(self, key)):
-                raise RecordingError(
-                    f"{self.name}: {key} is {getattr(self, key)!r}, expected one of {', '.join(known)}"
-                )
+                raise RecordingError(f"{self.name}: {not_one_of(key, getattr(self, key), known)}")
         if (wrong := contradiction(self.wrench_source, self.hand_on_robot)) is not None:
             raise RecordingError(f"{self.name}: {wrong}")
 
@@ -353,7 +352,7 @@ ARRAYS = ("t", *COLUMNS_OF_SIGNAL, "force_base")  # names of the arrays of a fil
 
 def wrong_option(name: str, value: str, known: Iterable[str]) -> str:
     """Return the error text for an invalid value of a command line option."""
-    return f"--{name.replace('_', '-')} is {value!r}, expected one of {', '.join(known)}"
+    return not_one_of(f"--{name.replace('_', '-')}", value, known)
 
 
 def declared_units(**units: str | None) -> dict[Quantity, str]:

@@ -31,6 +31,15 @@ def dotted(place: Place) -> str:
     return ".".join(map(str, place))
 
 
+def not_one_of(name: str, value: object, known: Iterable[str]) -> str:
+    """Return `NAME is VALUE, expected one of …`.
+
+    >>> not_one_of("level", "deep", ("whole", "parts"))
+    "level is 'deep', expected one of whole, parts"
+    """
+    return f"{name} is {value!r}, expected one of {', '.join(known)}"
+
+
 def first_finding(
     error: ValidationError, known: Iterable[str] = (), named: Callable[[Place], str] = dotted
 ) -> str:

@@ -61,7 +61,7 @@ from caesura_protocol.recording import OPTIONS, contradiction, is_option, unit_r
 from caesura_protocol.transport.inbox import Inbox
 from caesura_protocol.transport.transport_interface import Transport
 from caesura_protocol.up_direction import UP, up_text
-from caesura_protocol.validation_words import first_finding
+from caesura_protocol.validation_words import first_finding, not_one_of
 
 # What a service says of a session that it does not have, or not all of. Where another station has one of that
 # name, a lost one is taken for that station's.
@@ -509,7 +509,7 @@ def _opening(
     for name, known in OPTIONS.items():
         value = hand_on_robot if name == "hand_on_robot" else getattr(source, name)
         if not is_option(name, value):
-            raise SourceError(f"{name} is {value!r}, expected one of {', '.join(known)}")
+            raise SourceError(not_one_of(name, value, known))
     if (wrong := contradiction(source.wrench_source, hand_on_robot)) is not None:
         raise SourceError(wrong)
     stated = setting.completed_by(getattr(source, "setting", UNSET)).completed_by(_robot_of(source))

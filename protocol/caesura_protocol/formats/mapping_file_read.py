@@ -15,6 +15,7 @@ from typing import Any
 
 from caesura_protocol.recording import OPTIONS, RecordingError
 from caesura_protocol.up_direction import parse_up, up_text
+from caesura_protocol.validation_words import not_one_of
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class ColumnMapping:
         said = {key: self.table[key] for key in OPTIONS if key in self.table}
         for key, value in said.items():
             if value not in OPTIONS[key]:
-                raise self.error(f"{key} is {value!r}, expected one of {', '.join(OPTIONS[key])}")
+                raise self.error(not_one_of(key, value, OPTIONS[key]))
         if "robot" in self.table:
             said["robot"] = str(self.table["robot"])
         if "up" in self.table:

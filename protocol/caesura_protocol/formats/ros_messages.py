@@ -26,6 +26,7 @@ from caesura_protocol.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, 
 from caesura_protocol.formats.signal_aligner import NS
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, JOINTS, JOINTS_MOST
 from caesura_protocol.recording import RecordingError
+from caesura_protocol.validation_words import not_one_of
 
 Values = Mapping[str, Sequence[float]]
 FORCE_OF = {"environment": 1.0, "robot": -1.0}
@@ -63,7 +64,7 @@ def _rule(mapped: ColumnMapping, topic: str, entry: Any) -> TopicRule:
     if rule.force_of not in {None, *FORCE_OF}:
         raise mapped.error(f"{where}: force_of is {rule.force_of!r}, expected {' or '.join(FORCE_OF)}")
     if rule.type not in {None, *READ} and not rule.mark:
-        raise mapped.error(f"{where}: type is {rule.type!r}, expected one of {', '.join(READ)}")
+        raise mapped.error(not_one_of(f"{where}: type", rule.type, READ))
     if rule.joints is not None and not 1 <= len(rule.joints) <= JOINTS_MOST:
         raise mapped.error(f"{where}: joints has {len(rule.joints)} names, expected 1 to {JOINTS_MOST}")
     mapped.check_keys(f"{where} signals", rule.signals or (), COLUMNS_OF_SIGNAL)

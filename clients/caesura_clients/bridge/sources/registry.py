@@ -18,6 +18,7 @@ from caesura_protocol.plausibility import WIRE_UNIT
 from caesura_protocol.recording import declared_units
 from caesura_protocol.robots import GripperDescription, RobotDescription, grippers, robot_description
 from caesura_protocol.transport.zenoh_transport import endpoint_of
+from caesura_protocol.validation_words import not_one_of
 
 ROBOTIQ_NAMES = tuple(name for name, one in grippers().items() if one.interface == "robotiq")
 GROUP = "caesura.sources"  # entry points, each a function of SourceOptions that returns a Source
@@ -186,7 +187,7 @@ def _wrench_source(options: SourceOptions, robot: RobotDescription) -> WrenchSou
     """
     stated = options.wrench_source or robot.wrench_source
     if stated not in WRENCH_SOURCES:
-        raise SourceError(f"wrench_source is {stated!r}, expected one of {', '.join(WRENCH_SOURCES)}")
+        raise SourceError(not_one_of("wrench_source", stated, WRENCH_SOURCES))
     if (options.wrench_source, stated, options.hand_on_robot) == (None, "flange_sensor_with_hand", "no"):
         return "flange_sensor"
     return stated
@@ -221,7 +222,7 @@ def hand_statement(options: SourceOptions) -> HandOnRobot:
     """Return the option `hand_on_robot`, by default `yes`. Raises SourceError for an invalid value."""
     stated = options.hand_on_robot or "yes"
     if stated not in HANDS_ON_ROBOT:
-        raise SourceError(f"hand_on_robot is {stated!r}, expected one of {', '.join(HANDS_ON_ROBOT)}")
+        raise SourceError(not_one_of("hand_on_robot", stated, HANDS_ON_ROBOT))
     return stated
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 AppKind = Literal[
     "cartesian_motion", "move_to_contact", "apply_force", "grasp", "gripper_move", "transport", "hold"
@@ -86,9 +86,15 @@ def app_number(index: int) -> str:
     return str(index + 1)
 
 
+def facts_of(kind: str) -> AppKindFacts | None:
+    """Return the facts of a kind; None for an unknown one."""
+    kinds: Mapping[Any, AppKindFacts] = APP_KINDS
+    return kinds.get(kind)
+
+
 def app_title(kind: str) -> str:
     """Return the title of a kind; an unknown kind is returned unchanged."""
-    found = next((facts for name, facts in APP_KINDS.items() if name == kind), None)
+    found = facts_of(kind)
     return kind if found is None else found.title
 
 

@@ -22,7 +22,7 @@ from caesura_clients.cli.options import MOST_TOLERANCE_MM, connected, named, rep
 from caesura_clients.cli.result_tables import PLAIN, clock_lines, program_view
 from caesura_clients.program_editing import edit_program as send_edit
 from caesura_clients.program_editing import in_words, outcome_words, part_between, reference
-from caesura_protocol.app_kinds import APP_KINDS, app_name
+from caesura_protocol.app_kinds import APP_KINDS, app_name, facts_of
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import AppReference, Program, ProgramAction
 from caesura_protocol.session_time_display import NO_OFFSET, SessionClock, clock_of
@@ -206,8 +206,8 @@ def typed(words: Sequence[str], part: Part = NO_PART) -> Typed:
     values: dict[str, Any] = {}
     for text in rest[len(names) :]:
         values |= _value(text, VALUES[do])
-    presses = any(facts.presses for kind, facts in APP_KINDS.items() if kind == given.get("kind"))
-    if presses and "force" not in values:
+    facts = facts_of(given.get("kind", ""))
+    if facts is not None and facts.presses and "force" not in values:
         form = INSERTED["force"].form
         raise wrong(f"{given['kind']} needs a force, in the base frame as the robot exerts it: force={form}")
     return Typed(do, given, values, part)

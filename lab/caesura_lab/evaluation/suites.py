@@ -33,14 +33,13 @@ from caesura_lab.ground_truth import (
 from caesura_lab.teacher.motion_profiles import PROFILES, Profile
 from caesura_lab.teacher.scenarios import BASIC, SKILLS
 from caesura_protocol.formats.mapping_file_read import load_mapping
-from caesura_protocol.formats.read import is_bag, load_recording
+from caesura_protocol.formats.read import is_bag, is_rosbag, load_recording
 from caesura_protocol.plausibility import METRES
 from caesura_protocol.recording import Recording
 
 OPEN = Path(__file__).parents[3] / "data" / "real"  # annotations of the repository, without recordings
 READABLE = (".npz", ".csv")
-MCAP = ".mcap"
-BAGS = (MCAP, ".db3")
+BAGS = (".mcap", ".db3")
 
 
 class Case(Protocol):
@@ -135,22 +134,10 @@ class FileCase:
         Also None where the mapping states the source.
         """
         mapping = self.reading.mapping
-        if not _is_of_ros(self.path):
+        if not is_rosbag(self.path):
             return None
         mapped = mapping is not None and "wrench_source" in load_mapping(mapping).options
         return None if mapped else truth.wrench_source
-
-
-def _is_of_ros(path: Path) -> bool:
-    """Return whether a path is a rosbag2, whose reader asks for the wrench source; Caesura's MCAP is none."""
-    if path.suffix.lower() != MCAP:
-        return is_bag(path) or path.suffix.lower() in BAGS
-    try:
-        from caesura_protocol.formats.mcap_read import ROS2, profile_of  # noqa: PLC0415 - an extra
-
-        return profile_of(path) == ROS2
-    except (ImportError, OSError, ValueError):
-        return False  # `load_recording` states why
 
 
 def check_hash(path: Path, source: RecordingSource) -> None:

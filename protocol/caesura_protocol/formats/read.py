@@ -15,6 +15,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from caesura_protocol.description_texts import DESCRIBED, parse_description
+from caesura_protocol.errors import CaesuraError
 from caesura_protocol.formats.csv_read import read_csv
 from caesura_protocol.formats.csv_read_mapped import read_mapped_csv
 from caesura_protocol.formats.mapping_file_read import load_mapping
@@ -339,6 +340,15 @@ def is_bag(path: Path) -> bool:
     return (path / BAG_METADATA).is_file()
 
 
+def is_rosbag(path: Path) -> bool:
+    """Return whether `load_recording` reads a path as a rosbag2; False if it cannot read it at all."""
+    reader = _reader_of(path)
+    try:
+        return reader is _read_rosbag or (reader is _read_mcap and _has_ros_profile(path))
+    except (*_UNREADABLE, CaesuraError):
+        return False
+
+
 def recordings_of(paths: Iterable[Path]) -> list[Path]:
     """Return the named recordings, each once.
 
@@ -359,11 +369,9 @@ def recordings_of(paths: Iterable[Path]) -> list[Path]:
 def _read(path: Path, mapping: Path | None, stated: UserStatements) -> RawRecording:
     if not path.exists() and path.suffix.lower() in _READERS:
         raise RecordingError(f"{path}: no such file")
-    reader = _READERS.get(path.suffix.lower())
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise RecordingError(f"{path}: not a regular file: copy its content to one")
-    if path.is_dir():
-        reader = _read_rosbag if is_bag(path) else None
+    reader = _reader_of(path)
     if reader is None:
         raise RecordingError(f"{path}: {_unknown(path)}")
     try:
@@ -375,6 +383,12 @@ def _read(path: Path, mapping: Path | None, stated: UserStatements) -> RawRecord
         why = " ".join(str(error).split())
         kind = f"{path.suffix[1:]} file" if path.is_file() else "rosbag2"
         raise RecordingError(f"{path}: not a readable {kind} ({why})") from error
+
+
+def _reader_of(path: Path) -> _Reader | None:
+    if path.is_dir():
+        return _read_rosbag if is_bag(path) else None
+    return _READERS.get(path.suffix.lower())
 
 
 def _unknown(path: Path) -> str:
@@ -422,12 +436,19 @@ def _read_csv(path: Path, mapping: Path | None, stated: UserStatements) -> RawRe
 
 def _read_mcap(path: Path, mapping: Path | None, stated: UserStatements) -> RawRecording:
     """Read Caesura's MCAP, or a rosbag2 that is one file."""
-    with import_extra("mcap", path):
-        from caesura_protocol.formats.mcap_read import ROS2, profile_of, read_mcap  # noqa: PLC0415 - an extra
-    if profile_of(path) == ROS2:
+    if _has_ros_profile(path):
         return _read_rosbag(path, mapping, stated)
+    from caesura_protocol.formats.mcap_read import read_mcap  # noqa: PLC0415 - an extra
+
     _no_mapping(path, mapping)
     return read_mcap(path)
+
+
+def _has_ros_profile(path: Path) -> bool:
+    """Return whether an MCAP file is a rosbag2. Raises ValueError for one of other software, SourceError."""
+    with import_extra("mcap", path):
+        from caesura_protocol.formats.mcap_read import ROS2, profile_of  # noqa: PLC0415 - an extra
+    return profile_of(path) == ROS2
 
 
 def _read_rosbag(path: Path, mapping: Path | None, stated: UserStatements) -> RawRecording:

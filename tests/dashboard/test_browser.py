@@ -340,6 +340,15 @@ def test_the_gripper_of_a_station_is_stated_once(stage: Stage, visitor: Visitor)
     expect(page.locator(".exports a").first).to_have_attribute("href", re.compile(r"gripper=robotiq_2f_85$"))
 
 
+def test_no_table_of_the_system_is_cut_off_on_an_upright_tablet(stage: Stage, visitor: Visitor):
+    """Its last columns were reached by scrolling sideways only."""
+    page = goto(stage, visitor, "/system")
+    page.set_viewport_size(UPRIGHT)
+    page.locator(".scroll").first.wait_for()
+    hidden_px = "(all) => all.map(({ scrollWidth, clientWidth }) => scrollWidth - clientWidth)"
+    eventually(lambda: set(page.locator(".scroll").evaluate_all(hidden_px)) == {0})
+
+
 def test_what_was_chosen_of_light_and_dark_is_kept(stage: Stage, visitor: Visitor):
     page = goto(stage, visitor, "/system")
     page.get_by_role("button", name="Light or dark").click()

@@ -200,9 +200,17 @@ def test_without_a_service_any_session_can_be_deleted(directory):
     assert kept(directory) == ["cell-2/s1", "cell-1/s2"]
 
 
+def test_a_session_is_named_with_its_station_as_messages_list_it(directory):
+    """cell-1/s1 was refused by a sentence that listed it as known."""
+    assert caesura("delete", "cell-2/s1", "--journal", directory).stdout == "cell-2/s1 deleted\n"
+    assert kept(directory) == ["cell-1/s1", "cell-1/s2"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (("cell-3/s1",), "no session 's1' at cell-3 in"),
+        (("cell-2/s1", "--station", "cell-1"), "no session 'cell-2/s1' at cell-1 in"),
         (("s9",), "no session 's9' at any station in"),
         (("s9",), "known: cell-1/s1, cell-2/s1, cell-1/s2"),
         (("s9",), "--journal names the directory of another service"),

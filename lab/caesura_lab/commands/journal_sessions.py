@@ -55,7 +55,10 @@ Found = tuple[Key, list[PeerCopy]]  # a session, and where it is
 
 @grouped
 def export(
-    names: Annotated[list[str], typer.Argument(metavar="SESSION...", help="Several become one dataset.")],
+    names: Annotated[
+        list[str],
+        typer.Argument(metavar="SESSION...", help="Or STATION/SESSION. Several become one dataset."),
+    ],
     *,
     out: Annotated[Path, typer.Option("--out", "-o", help="Destination: .npz, .mcap, or a new directory.")],
     file_format: Annotated[
@@ -280,9 +283,12 @@ def _open_journal(path: Path, *, alone: bool = False) -> Iterator[SqliteJournal]
 def _find_session(journals: list[Path], session: str, station: str | None) -> Found:
     """Return the named session with its copies, the one with the most records first.
 
+    session: its name, or without a `station` also STATION/SESSION, as messages list it.
     A copy with refused changes comes after the others. Raises NotFound, which lists the existing sessions, or
     CaesuraError.
     """
+    if station is None and "/" in session:
+        station, session = session.split("/", 1)
     known = [PeerCopy(path, copy) for path in journals for copy in _copies(path, one_of=len(journals))]
     meant = [matches for matches in known if matches.copy.session == session]
     meant = [matches for matches in meant if station in {None, matches.copy.station}]

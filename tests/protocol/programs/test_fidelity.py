@@ -397,6 +397,29 @@ def test_a_force_in_another_direction_that_was_held_in_a_press_is_named(
     assert len(named) == (leans is not None)
 
 
+def test_a_load_that_was_never_carried_is_named_because_it_may_be_a_pull():
+    # What the fingers held was fixed, and pulled up with 12 N: the program was a hold of 1.23 kg.
+    grasp = app("grasp", 0.0, 1.0, there(0.2), gripper_width=0.02)
+    hold = app("hold", 1.0, 2.0, there(0.2), load_kg=1.23, load_sd_kg=0.1)
+    released = app("gripper_move", 2.0, 3.0, there(0.2), gripper_width=0.08)
+    pull = (
+        "load 1.23 kg was felt at rest, and never carried: if the fingers held something fixed, this was a "
+        "pull of 12.1 N, which no app exerts"
+    )
+
+    def pulls(*apps: App) -> list[str]:
+        return [one for one in reasons(apps) if "felt at rest" in one]
+
+    assert pulls(grasp, hold, hold, released) == [pull]
+    carried = app("transport", 2.0, 3.0, there(0.3), load_kg=1.23, load_sd_kg=0.1)
+    assert pulls(grasp, hold, carried, released) == []
+    assert pulls(grasp, carried, released, grasp, hold) == [pull]
+    light = hold.model_copy(update={"load_kg": 0.4})  # a hand that holds lightly drifts by as much
+    assert pulls(grasp, light, released) == []
+    against = carried.model_copy(update={"force_taught": (0.0, 0.0, 12.0)})  # a spring, which weighs nothing
+    assert pulls(grasp, against, hold, released) == [pull]
+
+
 @pytest.mark.parametrize(("second_kg", "named_at"), [(0.01, [2]), (0.02, [2, 3]), (0.5, [2])])
 def test_a_load_below_its_uncertainty_is_named_once_a_carry(second_kg: float, named_at: list[int]):
     # A brush that was carried on eight legs had eight warnings.

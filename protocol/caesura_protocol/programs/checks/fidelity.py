@@ -13,6 +13,7 @@ import math
 import operator
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 
@@ -50,6 +51,7 @@ EDITED: Mapping[str, Callable[[App], str]] = {  # text on an edit that changes w
 SWAYED_M = 0.005  # a press that is held sways by less: 98 of 100 simulated ones
 STEPPED_M = 0.01  # what a hand does beside a press is less, and so is what it does in passing
 DRIFTED_M, RESTED_S = 0.005, 0.5  # by which a hand drifts in a rest in the air, if it stays there so long
+PULLED_N = 4.6  # from which on a pull is another force than that of the air, after the drift of a sensor
 STRAYED_M, STRAYED_RAD = 0.005, math.radians(2.0)  # an executed path keeps closer to the taught one
 
 
@@ -77,6 +79,7 @@ def fidelity_findings(
         found += _missing_paths(apps)
         found += _missing_orientations(apps)
     found += _unknown_loads(apps)
+    found += _unmoved_loads(apps)
     found += _impacts(apps)
     wrench = None if quality is None else quality.wrench
     up = UP if wrench is None or wrench.up is None else wrench.up
@@ -392,6 +395,27 @@ def _unknown_loads(apps: Sequence[App]) -> Iterator[Finding]:
             named = True
             reason = "carries a load that was not measured, 0 kg are assumed: enter load_kg in the JSON file"
             yield Finding("warning", index, app.kind, reason)
+
+
+def _unmoved_loads(apps: Sequence[App]) -> Iterator[Finding]:
+    """Find loads that were felt only at rest, each at the first app that holds it.
+
+    What a hand pulls upwards is as heavy as a load. Only what is carried shows that it is one. Below
+    `PULLED_N` a force is no other one than that of the air.
+    """
+    for _, group in groupby(enumerate(apps), key=lambda one: one[1].kind == "gripper_move"):
+        held = [(index, app) for index, app in group if APP_KINDS[app.kind].carries]
+        weighed = (one for one in held if (one[1].load_kg or 0.0) * GRAVITY >= PULLED_N)
+        first = next(weighed, None)
+        if first is None or any(app.kind == "transport" and not is_resisted(app) for _, app in held):
+            continue
+        index, app = first
+        kg = app.load_kg or 0.0
+        reason = (
+            f"load {fixed(kg, 2)} kg was felt at rest, and never carried: if the fingers held something "
+            f"fixed, this was a pull of {fixed(kg * GRAVITY, 1)} N, which no app exerts"
+        )
+        yield Finding("warning", index, app.kind, reason, kg)
 
 
 def _impacts(apps: Sequence[App]) -> Iterator[Finding]:

@@ -102,7 +102,7 @@ class App(Message):
     target_name: AppLabel | None = None  # what people call its target
     off_straight_m: Amount | None = None  # of a press without a path: off the way to its target
     weaker_n: Amount | None = None  # [N] of a press: another force, held or not exceeded for 1 s in all
-    aslant: Vector | None = None  # [N] of a press: what the robot would exert for 1 s in another direction
+    aslant: Vector | None = None  # [N] of a press: what the robot would exert for 0.5 s in another direction
     moved_m_per_s: Amount | None = None  # of fingers that acted in motion: speed of the flange then
     turned_rad_per_s: Amount | None = None  # likewise: its rate of turn
     stronger_n: Amount | None = None  # [N] of a press: the largest held for 0.2 s, if it is another one

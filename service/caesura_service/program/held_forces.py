@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from caesura_protocol.messages import Vector
 from caesura_service.program.program_segment import PUSHES_BACK_N, UNLIKE_N, MomentAt, length
 
-HELD_LOOKS = 10  # observations in a row, one second, from which on a force was held on purpose
+HELD_LOOKS = 10  # observations in a row, one second, from which on a weaker force was held on purpose
+ASIDE_LOOKS = 5  # likewise of one in another direction, half a second: a touch has that of its press
 VARIED_LOOKS = 20  # observations, two seconds in all, from which on a weaker force is no touch or release
 MOST_LOOKS = 1200  # observations of a press at which its forces are compared: two minutes, or evenly spread
 LEAN_COSINE = math.cos(math.radians(30.0))  # between two forces, up to which they press in two directions
@@ -78,12 +79,12 @@ def _other(newtons: Array, newton: float) -> float | None:
 def force_aslant(felt: Array, force: Vector | Array) -> Vector | None:
     """Return the force [N] that the robot would exert as one held in another direction than `force`.
 
-    Of several the one that differs most; None without one. It is held as a weaker one is (`weaker_force`).
-    felt: (n, 3) [N].
+    Of several the one that differs most; None without one. It is held if `ASIDE_LOOKS` observations in a row,
+    without the furthest one, differ by less than a touch. felt: (n, 3) [N].
     """
-    if len(felt) < HELD_LOOKS:
+    if len(felt) < ASIDE_LOOKS:
         return None
-    windows = sliding_window_view(felt, HELD_LOOKS, axis=0)  # (k, 3, looks)
+    windows = sliding_window_view(felt, ASIDE_LOOKS, axis=0)  # (k, 3, looks)
     levels = np.median(windows, axis=2)
     off = np.sort(np.linalg.norm(windows - levels[:, :, None], axis=1), axis=1)
     sizes, apart = np.linalg.norm(levels, axis=1), np.linalg.norm(levels - force, axis=1)

@@ -393,7 +393,7 @@ def test_a_force_in_another_direction_that_was_held_in_a_press_is_named(
 ):
     touch, pressed, _ = press()
     found = reasons((touch, pressed.model_copy(update={"aslant": aslant})))
-    named = [one for one in found if f" N at {leans}° to it for at least one second: teach" in one]
+    named = [one for one in found if f" N at {leans}° to it for at least half a second: teach" in one]
     assert len(named) == (leans is not None)
 
 

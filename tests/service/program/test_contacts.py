@@ -283,7 +283,7 @@ def test_a_force_that_varies_in_a_press_is_stated_if_it_is_weaker_for_two_second
 
 @pytest.mark.parametrize(
     ("aside", "seconds", "aslant"),
-    [(20.0, 2.0, True), (20.0, 0.8, False), (4.0, 2.0, False), (-20.0, 2.0, True)],
+    [(20.0, 2.0, True), (20.0, 0.8, True), (20.0, 0.3, False), (4.0, 2.0, False), (-20.0, 2.0, True)],
 )
 def test_a_force_that_was_held_in_another_direction_is_stated(
     aside: float, seconds: float, aslant: bool

@@ -307,7 +307,7 @@ def _force_limits(app: App) -> Iterator[Reason]:
         leans = math.degrees(math.acos(min(max(cosine, -1.0), 1.0)))
         reason = (
             f"presses in one direction, and was taught with {fixed(held, 1)} N at {fixed(leans, 0)}° to it "
-            "for at least one second: teach each force as a separate press"
+            "for at least half a second: teach each force as a separate press"
         )
         yield reason, held, exerted
     if APP_KINDS[app.kind].presses and app.screw is not None and app.screw.torque is None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from caesura_protocol.messages import Vector
 from caesura_service.program.carried_loads import HANGING_N, KEPT_SHARE, hangs
-from caesura_service.program.joined_strokes import OUT_M, OUT_SHARE
+from caesura_service.program.joined_strokes import DECAY_REACH_M, OUT_M, OUT_SHARE
 from caesura_service.program.program_segment import (
     ARRIVES_M,
     PUSHES_BACK_N,
@@ -61,14 +61,19 @@ def still_touching(
 ) -> ProgramSegment:
     """Return a step after a contact as a contact, where its force lasts and the tool does not leave.
 
-    A step in which the held load becomes heavier has lifted it off its support: it is unchanged. last: the
+    A step in which the held load becomes heavier has lifted it off its support: it is unchanged. The force
+    may turn: a step at the same place is in contact with a force of `UNLIKE_N` in any direction. last: the
     last step kept.
     """
     base = _without(_fallen_weight(last, step, context), base_after(last, context))
     normal, forces = direction(replace(contact, base=base).force), _felt(step, context)
     if holds(step, context.grips) and _is_lifted(step, _changed(forces, base, context), context):
         return step
-    return _touching(normal, PUSHES_BACK_N, base, step, forces, context)
+    touching = _touching(normal, PUSHES_BACK_N, base, step, forces, context)
+    if touching.touches or step.segment.contact != "free" or step.moved_m >= DECAY_REACH_M:
+        return touching
+    changed = _changed(forces, base, context)
+    return _touching(changed / max(length(changed), 1e-12), UNLIKE_N, base, step, forces, context)
 
 
 def set_down(

@@ -125,6 +125,37 @@ def test_a_contact_lasts_through_the_noise_of_its_force() -> None:
     assert made[1].segments == (1, 2, 3)
 
 
+@pytest.mark.parametrize(("down_n", "becomes"), [(9.0, "contact"), (4.0, "air")])
+def test_a_contact_whose_force_turns_at_one_place_goes_on(down_n: float, becomes: str) -> None:
+    """After a press to the side a turn pressed down: it was in the air, and the way out pressed with 9 N.
+
+    A smaller force may be the drift of the sensor.
+    """
+    place = (0.0, 0.0, 0.2)
+    still: dict[str, Any] = {"position_start": place, "position_end": place}
+    x, y, z = DRIFT_N
+
+    def at(t: float) -> Moment:
+        aside, down = 10.0 * (2.0 <= t < 4.0), down_n * (4.0 <= t < 6.0)
+        return replace(drifted(t), position=place, force=(x + aside, y, z + down))
+
+    turn = segment("motion", 4.0, 6.0, **still).model_copy(
+        update={"kind": "turning", "turn": (0.0, 0.0, 1.0)}
+    )
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 4.0, force_held=(x + 10.0, y, z), **still),
+        turn,
+        segment("motion", 6.0, 8.0, position_start=place, position_end=(0.0, 0.0, 0.4)),
+        at=at,
+    )
+    assert kinds(made)[0] == "move_to_contact"
+    assert made[-1].kind == "cartesian_motion"
+    assert made[-1].force_taught is None
+    pressed = {index for app in made if app.force is not None for index in app.segments}
+    assert (2 in pressed) == (becomes == "contact")
+
+
 def test_a_stroke_in_the_air_between_two_contacts_is_no_press() -> None:
     """Of a sensor that drifts sideways; it became a press of 0.8 N, which the check refuses.
 

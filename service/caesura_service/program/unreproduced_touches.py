@@ -1,4 +1,4 @@
-"""Forces in the air that are no contact: too weak for one, and too short for the drift of a sensor."""
+"""Forces in the air that are no contact: too weak or short for one, too short for the drift of a sensor."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from caesura_protocol.messages import App
 from caesura_protocol.number_words import fixed, interval
 from caesura_service.constants import TARED_BIAS_N
 from caesura_service.program.largest_parts import largest_parts
-from caesura_service.program.program_segment import OBSERVED_S, ROUNDED_S, MomentAt, observed
+from caesura_service.program.program_segment import OBSERVED_S, ROUNDED_S, UNLIKE_N, MomentAt, observed
 
-LASTS = 5  # observations in a row, half a second: what is touched in passing is felt for less
+LASTS = 5  # observations in a row, half a second, from which on a weak force is named
+HITS = 3  # likewise one of `UNLIKE_N`: no tool of 2 kg is accelerated so long without moving by 0.7 m/s
 AROUND_S = 5.0  # before and after a force, in which a sensor drifts by less than `TARED_BIAS_N`
 BLOCK = 10  # observations for which one reading is that of the air
 BESIDE_S = 0.3  # beside an app in contact, in which its force still fades
@@ -107,12 +108,14 @@ def _air(block: Block, times: Array, forces: Array) -> Array:
 def _touches(times: Array, apart: Array) -> Iterator[_Touch]:
     """Yield the forces that differ by `TARED_BIAS_N` from the air; apart: (n, 3) [N] the differences.
 
-    A force may turn, as that on a crank does. So its size is the mean of the sizes.
+    They last for `LASTS` observations, or for `HITS` with more than a drift, as what is hit in passing. A
+    force may turn, as that on a crank does. So its size is the mean of the sizes.
     """
     newtons = np.linalg.norm(apart, axis=1)
     far = newtons >= TARED_BIAS_N
     breaks = (np.diff(far.astype(np.int8)) != 0) | (np.diff(times) > 1.5 * OBSERVED_S)
     edges = [0, *(np.flatnonzero(breaks) + 1).tolist(), len(times)]
     for low, high in pairwise(edges):
-        if high - low >= LASTS and far[low]:
+        hits = np.count_nonzero(newtons[low:high] >= UNLIKE_N) >= HITS
+        if (hits or high - low >= LASTS) and far[low]:
             yield _Touch(float(times[low]), float(times[high - 1]), float(newtons[low:high].mean()))

@@ -44,8 +44,15 @@ def test_lines_that_a_pen_draws_lightly_are_named() -> None:
 
 @pytest.mark.parametrize(
     ("newton", "seconds", "drift_n", "stated"),
-    [(3.0, 0.6, 0.0, True), (3.0, 0.4, 0.0, False), (2.0, 2.0, 0.0, False), (0.0, 0.0, 2.3, False)],
-    ids=["long enough", "too short", "too weak", "a sensor that drifts"],
+    [
+        (3.0, 0.6, 0.0, True),
+        (3.0, 0.4, 0.0, False),
+        (2.0, 2.0, 0.0, False),
+        (0.0, 0.0, 2.3, False),
+        (7.0, 0.3, 0.0, True),
+        (7.0, 0.2, 0.0, False),
+    ],
+    ids=["long enough", "too short", "too weak", "a sensor that drifts", "hit in passing", "a jolt"],
 )
 def test_only_what_is_no_drift_is_named(newton: float, seconds: float, drift_n: float, stated: bool) -> None:
     assert (note(felt((newton, 4.0, 4.0 + seconds), drift_n=drift_n)) is not None) == stated

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from caesura_protocol.messages import Vector
 from caesura_service.program.carried_loads import HANGING_N, KEPT_SHARE, hangs
 from caesura_service.program.joined_strokes import DECAY_REACH_M, OUT_M, OUT_SHARE
+from caesura_service.program.pressed_force import pressed_from
 from caesura_service.program.program_segment import (
     ARRIVES_M,
     PUSHES_BACK_N,
@@ -49,11 +50,27 @@ def as_touching(before: ProgramSegment | None, step: ProgramSegment, context: Co
         return step
     fallen = _fallen_weight(before, step, context)
     step = replace(step, base=_without(fallen, base_after(before, context)))
+    if before.segment.contact == "transport" and holds(step, context.grips):
+        step = _pressed_beyond_load(step, context)
     if length(step.force) >= PUSHES_BACK_N or (before.touches and step.segment.motion == "steady"):
         return step
     if before.touches or fallen.any():
         return step.read_as("transport" if holds(step, context.grips) else "free")
     return step.read_as(before.segment.contact)
+
+
+def _pressed_beyond_load(step: ProgramSegment, context: Context) -> ProgramSegment:
+    """Return a contact with a load, with the force that was pressed beyond its base.
+
+    The sensor measures the weight of the load as well. It cancels a part of the press, so the press proper is
+    where the difference from the base is large, and not the force itself.
+    """
+    forces = _felt(step, context)
+    if not len(forces):
+        return step
+    beyond = np.linalg.norm(forces - step.base, axis=1)
+    held: tuple[float, ...] = tuple(context.median(forces[beyond >= pressed_from(beyond)]).tolist())
+    return replace(step, segment=step.segment.model_copy(update={"force_held": held}))
 
 
 def still_touching(

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from caesura_service.constants import GRAVITY
 from caesura_service.program import GripperAction, Moment
 from service.program.segments import (
     ACROSS,
@@ -391,6 +392,33 @@ def test_a_load_that_stays_lighter_as_it_is_moved_off_was_not_set_down(
     assert kinds(made[2:]) == becomes
     if becomes[1] == "hold":
         assert [app.load_kg for app in made[1:]] == pytest.approx([1.0, 1.0, 0.35, 0.35], abs=0.01)
+
+
+def test_a_short_press_with_a_load_has_the_force_beyond_its_weight() -> None:
+    """A part of 0.66 kg was tapped on a surface with 9.6 N: the sensor felt 3 N, and the program had 5.4 N.
+
+    The observations of the touch and the release have the whole weight, so they seemed to be the press.
+    """
+    low, high = (0.0, 0.0, 0.2), (0.0, 0.0, 0.4)
+    load = {"load_kg": 0.66, "load_sd_kg": 0.02}
+    pushed = {4.1: 2.4, 4.2: 9.6, 4.3: 9.6, 4.4: 2.4}
+
+    def at(t: float) -> Moment:
+        z = float(np.interp(t, [1.0, 2.0, 3.0, 4.0, 4.5, 5.5], [0.2, 0.4, 0.4, 0.2, 0.2, 0.4]))
+        force = -GRAVITY * 0.66 * (t >= 1.0) + pushed.get(round(t, 1), 0.0)
+        return Moment((0.0, 0.0, z), None, None, 0.05, (0.0, 0.0, force))
+
+    made = program(
+        segment("steady", 0.0, 1.0, position_start=low, position_end=low),
+        segment("transport", 1.0, 3.0, position_start=low, position_end=high, **load),
+        segment("transport", 3.0, 4.0, position_start=high, position_end=low, **load),
+        segment("contact", 4.0, 4.5, position_start=low, position_end=low, force_held=(0.0, 0.0, -1.1)),
+        segment("transport", 4.5, 5.5, position_start=low, position_end=high, **load),
+        grips=(GRASP,),
+        at=at,
+    )
+    (press,) = (app for app in made if app.force is not None)
+    assert press.force_taught == pytest.approx((0.0, 0.0, -9.6), abs=0.1)
 
 
 def test_where_no_gripper_is_known_a_load_is_no_press() -> None:

@@ -32,7 +32,6 @@ from caesura_service.program.program_segment import (
     ProgramSegment,
     average,
     holds,
-    joined_where,
     length,
     observed,
     parts_at,
@@ -216,14 +215,21 @@ def is_not_yet_held(last: ProgramSegment | None, step: ProgramSegment, context: 
 def as_one_hold(kept: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
     """Return the steps; holds that follow each other at once are joined.
 
-    They stay apart if the fingers act between them, or if the second has another load.
+    They stay apart if the fingers act between them, or if the second has another load than the carry before:
+    the first hold alone may be too short to be weighed well.
     """
-
-    def are_one(one: ProgramSegment, two: ProgramSegment) -> bool:
-        acts = any(abs(grip.t - two.segment.t0) < ROUNDED_S for grip in context.grips)
-        return _is_hold(one) and _is_hold(two) and not acts and not has_other_load(two, [one])
-
-    return joined_where(kept, are_one)
+    joined: list[ProgramSegment] = []
+    carry: list[ProgramSegment] = []  # the steps with the load of the last one
+    for step in kept:
+        acts = any(abs(grip.t - step.segment.t0) < ROUNDED_S for grip in context.grips)
+        if acts or step.segment.contact != "transport" or has_other_load(step, carry):
+            carry = []
+        if carry and _is_hold(joined[-1]) and _is_hold(step):
+            joined[-1] = step.joined_to(joined[-1])
+        else:
+            joined.append(step)
+        carry.append(step)
+    return joined
 
 
 def is_weighed_well(step: ProgramSegment) -> bool:

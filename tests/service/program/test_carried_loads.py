@@ -512,6 +512,21 @@ def test_holds_of_two_loads_are_two() -> None:
     ]
 
 
+@pytest.mark.parametrize(("second_kg", "loads"), [(0.78, [0.5, 0.5, 0.78, 0.78]), (0.55, [0.52, 0.52, 0.52])])
+def test_a_load_that_changes_after_a_short_hold_is_another_one(second_kg: float, loads: list[float]) -> None:
+    """Beside a hold of 0.9 s a load of 0.5 kg grew to 0.78 kg: all of the carry had 0.64 kg."""
+    still = {"position_start": (0.0, 0.0, 0.3), "position_end": (0.0, 0.0, 0.3), "load_sd_kg": 0.01}
+    made = program(
+        segment("transport", 0.6, 2.2, load_kg=0.5, load_sd_kg=0.01, position_end=(0.0, 0.0, 0.3)),
+        segment("hold", 2.2, 3.1, load_kg=0.5, **still),
+        segment("hold", 3.1, 4.3, load_kg=second_kg, **still),
+        segment("transport", 4.3, 5.9, load_kg=second_kg, load_sd_kg=0.01),
+        grips=(GRASP,),
+        at=stopping_at,
+    )
+    assert [app.load_kg for app in made if app.load_kg is not None] == pytest.approx(loads, abs=0.03)
+
+
 def test_a_fast_lift_that_the_filter_finds_as_a_rest_in_contact_is_a_transport() -> None:
     """A robot lifted a load by 52 mm in 0.3 s: its hold on the table ended there, without a transport."""
     here, above = (0.0, 0.0, 0.2), (0.0, 0.0, 0.25)

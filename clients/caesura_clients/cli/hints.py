@@ -28,8 +28,9 @@ def hints(
         typer.Option(
             "--exec",
             metavar="COMMAND",
-            help="Run this command at each change, for at most 5 s. Its environment has CAESURA_HINT_EVENT "
-            "(raised, updated or cleared), _KIND, _TEXT, _ADVICE, _STATION, _SESSION and _ACTIVE.",
+            help="Run this command at each change, for at most 5 s and without a shell: for variables and "
+            "redirections write \"sh -c '…'\". Its environment has CAESURA_HINT_EVENT (raised, updated or "
+            "cleared), _KIND, _TEXT, _ADVICE, _STATION, _SESSION and _ACTIVE.",
         ),
     ] = None,
     endpoint: Connect = None,

@@ -24,7 +24,7 @@ ANSWERS = 12  # of samples that the page asks for
 NEW_APPS = 3
 SHARE = 0.25  # of what the page got first: a later part is shorter
 SIZES = """() => performance.getEntriesByType("resource")
-  .filter((one) => one.name.includes("/samples/")).map((one) => one.encodedBodySize)"""
+  .filter((one) => one.name.includes("/samples/")).map((one) => one.decodedBodySize)"""
 COUNT = f"() => ({SIZES})().length"
 COVERED_MS = 60_000  # a dashboard that missed the beginning answers by itself once the view has passed it
 IS_COVERED = """() => {

@@ -276,6 +276,19 @@ def test_what_cannot_be_shown_is_refused_by_name(stage: Stage, asked, status, na
     assert (answer.status_code, named in answer.text) == (status, True)
 
 
+def test_samples_come_compressed_if_they_are_many(stage: Stage):
+    """The page of a demonstration at 1 kHz had 1.2 MB of them."""
+
+    def answer(bins: int, accepted: str) -> httpx.Response:
+        asked = f"{stage.dashboard.url}/samples/cell-1/s1?from=0&to=10&bins={bins}"
+        return httpx.get(asked, timeout=DEADLINE_S, headers={"accept-encoding": accepted})
+
+    whole, packed, few = answer(4096, "identity"), answer(4096, "gzip"), answer(5, "gzip")
+    assert [one.headers.get("content-encoding") for one in (whole, packed, few)] == [None, "gzip", None]
+    assert whole.content == packed.content
+    assert int(packed.headers["content-length"]) < 0.7 * len(whole.content)
+
+
 def test_a_phone_shows_it_without_scrolling_sideways(visitor: Visitor):
     page = visitor.page
     page.set_viewport_size(PHONE)

@@ -19,7 +19,7 @@ from nicegui import Client, app, background_tasks, core, ui
 from starlette.exceptions import HTTPException as StarletteHTTPException
 
 from caesura_clients.dashboard.access import LOOPBACK, AccessMiddleware
-from caesura_clients.dashboard.compression import FileCompression
+from caesura_clients.dashboard.compression import FileCompression, compressed
 from caesura_clients.dashboard.dataset_download import MOST_SESSIONS, zipped_dataset
 from caesura_clients.dashboard.log_throttle import bound_logs
 from caesura_clients.dashboard.pages import error_pages, overview, recording_upload, session_list_and_system
@@ -200,7 +200,8 @@ def declare_files(site: Site) -> None:
     async def _samples(station: str, session: str, request: Request) -> Response:
         wanted = ";".join(f"{key}={value}" for key, value in request.query_params.items())
         named, is_exact = _names(station, session), "exact" in request.query_params
-        return await asyncio.to_thread(_signals, site, *named, wanted, is_exact)
+        answer = await asyncio.to_thread(_signals, site, *named, wanted, is_exact)
+        return await asyncio.to_thread(compressed, answer, request.headers.get("accept-encoding", ""))
 
     @app.get(f"{PROGRAMS}/{{station}}/{{session}}/{{name}}")
     async def _program(

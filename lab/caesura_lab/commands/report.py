@@ -12,6 +12,7 @@ import typer
 from caesura_clients.cli.options import ProgramOptions, Reading, grouped, reported
 from caesura_lab.commands.options import Mapping, PresetName, RecordingFile, stated_recording
 from caesura_lab.commands.segment import announce_compilation
+from caesura_lab.evaluation.suites import check_hash, within_recording
 from caesura_lab.ground_truth import Truth, read_annotation, truth_file
 from caesura_lab.report.report_data import ReportData, collect
 from caesura_lab.report.times_from_start import from_start
@@ -41,7 +42,12 @@ def report(
         recording = stated_recording(file, reading, asked, mapping)
         beside = truth_file(file)
         annotation = truth or (beside if beside.is_file() else None)
-        _report(recording, out, preset, annotation)
+        known = None
+        if annotation is not None:
+            known = read_annotation(annotation)
+            check_hash(file, known.source)
+            recording, known = within_recording(recording, known)
+        _report(recording, out, preset, known)
     typer.echo(f"{out}: {out.stat().st_size / 1000:.0f} kB")
 
 
@@ -51,9 +57,8 @@ def _writable(out: Path) -> None:
         raise CaesuraError(f"cannot write {out}: no such directory")
 
 
-def _report(recording: Recording, out: Path, preset: str, annotation: Path | None) -> None:
+def _report(recording: Recording, out: Path, preset: str, truth: Truth | None) -> None:
     announce_compilation()
-    truth = None if annotation is None else read_annotation(annotation)
     content = _collected(recording, preset, truth)
     try:
         _writers().write_report(content, out)

@@ -112,20 +112,11 @@ class FileCase:
     def load(self) -> tuple[Recording, Truth]:
         """Read recording and truth; the annotation declares what the recording does not state."""
         truth = read_truth(self.path) if self.annotation is None else read_annotation(self.annotation)
-        if truth.source is not None:
-            check_hash(self.path, truth.source)
+        check_hash(self.path, truth.source)
         recording = load_recording(
             self.path, wrench_source=self._asked_source(truth), **self.reading._asdict()
         )
-        first, last = float(recording.t.min()), float(recording.t.max())
-        window = f"window is [{truth.window[0]:g}, {truth.window[1]:g}] s"
-        lasts = f"the recording lasts from {first:.10g} to {last:.10g} s"
-        if truth.window[1] <= first or truth.window[0] >= last:
-            raise TruthError(f"{truth.name}: {window}, and {lasts}")
-        if truth.window[0] < first - WINDOW_SLACK_S or truth.window[1] > last + WINDOW_SLACK_S:
-            truth = truth.within(first, last)
-            cut = f"the annotation's {window}, and {lasts}: only what both have is judged"
-            recording = replace(recording, cautions=(*recording.cautions, cut))
+        recording, truth = within_recording(recording, truth)
         return with_annotated_declarations(recording, truth), replace(truth, name=self.name)
 
     def _asked_source(self, truth: Truth) -> str | None:
@@ -140,8 +131,29 @@ class FileCase:
         return None if mapped else truth.wrench_source
 
 
-def check_hash(path: Path, source: RecordingSource) -> None:
-    """Check that a file is the recording that was annotated. Raises TruthError with both hashes."""
+def within_recording(recording: Recording, truth: Truth) -> tuple[Recording, Truth]:
+    """Return the truth within the times of the recording, and the recording with a caution if it was cut.
+
+    Raises TruthError if the two have no time in common.
+    """
+    first, last = float(recording.t.min()), float(recording.t.max())
+    window = f"window is [{truth.window[0]:g}, {truth.window[1]:g}] s"
+    lasts = f"the recording lasts from {first:.10g} to {last:.10g} s"
+    if truth.window[1] <= first or truth.window[0] >= last:
+        raise TruthError(f"{truth.name}: {window}, and {lasts}")
+    if first - WINDOW_SLACK_S <= truth.window[0] and truth.window[1] <= last + WINDOW_SLACK_S:
+        return recording, truth
+    cut = f"the annotation's {window}, and {lasts}: only what both have is judged"
+    return replace(recording, cautions=(*recording.cautions, cut)), truth.within(first, last)
+
+
+def check_hash(path: Path, source: RecordingSource | None) -> None:
+    """Check that a file is the recording that was annotated. Raises TruthError with both hashes.
+
+    source: None for an annotation that names no recording.
+    """
+    if source is None:
+        return
     if path.is_dir():
         raise TruthError(f"{path}: a rosbag2 has no SHA-256, the annotation was made for {source.sha256}")
     found = hashlib.sha256(path.read_bytes()).hexdigest()

@@ -232,6 +232,9 @@ def test_the_command_finds_the_truth_beside_the_recording(tmp_path: Path, monkey
         (["taught.npz", "-o", "out.png", "--truth", "taught.npz"], "taught.npz: not a readable annotation"),
         (["taught.npz", "-o", "out.png", "--truth", "a.json"], "a.json: cannot be read: No such file or dir"),
         (["taught.npz", "-o", "out.png", "--truth", "list.json"], "list.json: is a list, expected an object"),
+        # Each was drawn beside results of another recording.
+        (["taught.npz", "-o", "out.png", "--truth", "other.json"], "the annotation was made for 0000"),
+        (["taught.npz", "-o", "out.png", "--truth", "later.json"], "later.json: window is [100, 200] s, and"),
     ],
 )
 def test_what_cannot_be_done_is_said_in_one_line(
@@ -240,6 +243,10 @@ def test_what_cannot_be_done_is_said_in_one_line(
     monkeypatch.chdir(tmp_path)
     guided().save(tmp_path / "taught.npz")
     (tmp_path / "list.json").write_text("[1, 2]")
+    later = {"window": [100, 200], "changepoints": []}
+    (tmp_path / "later.json").write_text(json.dumps(later))
+    made_for = {"file": "other.npz", "sha256": "0" * 64}
+    (tmp_path / "other.json").write_text(json.dumps({**later, "recording": made_for}))
     result = CliRunner().invoke(application(), ["report", *arguments])
     assert result.exit_code == 1
     assert result.output.startswith("error: ")

@@ -54,6 +54,16 @@ def test_the_recording_is_not_replaced_by_what_is_made_of_it(tmp_path: Path, wor
     assert file.read_bytes() == before
 
 
+def test_results_do_not_replace_another_recording(tmp_path: Path):
+    # `segment --json a.npz b.npz`, with --json meant as a flag, left JSON in the place of the first one.
+    a, b = (recording(tmp_path / name, np.arange(0.0, 2.0, 0.01)) for name in ("a.npz", "b.npz"))
+    before = a.read_bytes()
+    done = caesura("segment", "--json", a, b)
+    words = "it is a recording; --json takes the name of the file to write, such as b.json"
+    assert (done.exit_code, done.stderr) == (1, f"error: cannot write {a}: {words}\n")
+    assert a.read_bytes() == before
+
+
 @pytest.mark.parametrize(
     ("preset", "without", "is_said"),
     [("default", "gripper", True), ("default", "nothing", False), ("constant_velocity", "gripper", False)],

@@ -11,7 +11,8 @@ from typing import Any
 import typer
 
 from caesura_lab.commands.options import namesakes
-from caesura_protocol.errors import SourceError
+from caesura_protocol.errors import CaesuraError, SourceError
+from caesura_protocol.formats.read import is_there_as_recording
 from caesura_protocol.formats.write import check_not_read
 from caesura_protocol.package_version_and_extras import installed_version
 from caesura_service.offline_segmentation import as_json
@@ -28,6 +29,11 @@ def check_output(out: Path, files: Sequence[Path]) -> None:
         raise SourceError(f"cannot write {out}: no such directory")
     if not out.is_dir():
         check_not_read(out, files)
+    if is_there_as_recording(out):
+        raise CaesuraError(
+            f"cannot write {out}: it is a recording; --json takes the name of the file to write, such as "
+            f"{files[0].stem}.json"
+        )
 
 
 def outputs_of(files: Sequence[Path], out: Path | None) -> Mapping[Path, Path] | None:

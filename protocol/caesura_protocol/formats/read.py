@@ -340,6 +340,11 @@ def is_bag(path: Path) -> bool:
     return (path / BAG_METADATA).is_file()
 
 
+def is_there_as_recording(path: Path) -> bool:
+    """Return whether there is a file or a rosbag2 with the form of a recording, by its name."""
+    return path.exists() and _reader_of(path) is not None
+
+
 def is_rosbag(path: Path) -> bool:
     """Return whether `load_recording` reads a path as a rosbag2; False if it cannot read it at all."""
     reader = _reader_of(path)

@@ -79,8 +79,8 @@ def still_touching(
     """Return a step after a contact as a contact, where its force lasts and the tool does not leave.
 
     A step in which the held load becomes heavier has lifted it off its support: it is unchanged. The force
-    may turn: a step at the same place is in contact with a force of `UNLIKE_N` in any direction. last: the
-    last step kept.
+    may turn: a step at the same place is in contact with a force of `UNLIKE_N` in any direction, which is not
+    that of a load that is gone. last: the last step kept.
     """
     base = _without(_fallen_weight(last, step, context), base_after(last, context))
     normal, forces = direction(replace(contact, base=base).force), _felt(step, context)
@@ -90,7 +90,15 @@ def still_touching(
     if touching.touches or step.segment.contact != "free" or step.moved_m >= DECAY_REACH_M:
         return touching
     changed = _changed(forces, base, context)
+    if length(_changed(forces, _without_load(base, context), context)) < UNLIKE_N:
+        return touching
     return _touching(changed / max(length(changed), 1e-12), UNLIKE_N, base, step, forces, context)
+
+
+def _without_load(base: Vector, context: Context) -> Vector:
+    """Return a base [N] without the weight that hangs on it, as of a load that a hand has taken over."""
+    up = np.array(context.up)
+    return _without(float(np.array(base) @ up) * up, base) if hangs(base, context.up) else base
 
 
 def set_down(

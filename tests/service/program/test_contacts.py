@@ -156,6 +156,27 @@ def test_a_contact_whose_force_turns_at_one_place_goes_on(down_n: float, becomes
     assert (2 in pressed) == (becomes == "contact")
 
 
+def test_a_load_that_a_hand_pulls_and_takes_is_no_press() -> None:
+    """Without the weight of 8.5 N the rest after the pull differed from it, and the way back pressed."""
+    place = (0.0, 0.0, 0.3)
+    still: dict[str, Any] = {"position_start": place, "position_end": place}
+
+    def at(t: float) -> Moment:
+        weight_n, pull_n = -8.5 * (1.0 <= t < 5.0), 8.5 * (4.0 <= t < 5.0)
+        return replace(drifted(t), position=place, force=(pull_n, 0.0, weight_n))
+
+    made = program(
+        segment("transport", 1.0, 4.0, load_kg=0.87, load_sd_kg=0.02, position_end=place),
+        segment("contact", 4.0, 5.0, force_held=(8.5, 0.0, -8.5), **still),
+        segment("hold", 5.0, 6.0, load_kg=0.0, load_sd_kg=0.02, **still),
+        segment("motion", 6.0, 8.0, position_start=place, position_end=(0.2, 0.0, 0.3)),
+        grips=(GRASP, GripperAction(5.2, "release", 0.08)),
+        at=at,
+    )
+    assert made[-1].kind == "cartesian_motion"
+    assert made[-1].force_taught is None
+
+
 def test_a_stroke_in_the_air_between_two_contacts_is_no_press() -> None:
     """Of a sensor that drifts sideways; it became a press of 0.8 N, which the check refuses.
 

@@ -7,7 +7,7 @@ import sys
 import time
 
 from caesura_service.changepoint import filter_choice
-from caesura_service.numba_support import has_kernels, is_compiled
+from caesura_service.numba_support import has_kernels, is_compiled, mark_compiled
 from caesura_service.signals import kernel_warm_up
 
 
@@ -29,7 +29,14 @@ def _load() -> None:
     kernel_warm_up.prepare()
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Compile or load all kernels, and mark that all are cached."""
     before = time.perf_counter()
     _load()
+    if has_kernels():
+        mark_compiled()
     print(f"kernels ready in {time.perf_counter() - before:.1f} s")
+
+
+if __name__ == "__main__":
+    main()

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from caesura_lab.commands.segment import announce_compilation
 from caesura_protocol.package_version_and_extras import installed_version
+from caesura_service.numba_support import mark_compiled
 from harness.commands import application
 
 DATA = Path(__file__).parents[2] / "data"
@@ -157,9 +158,10 @@ def test_an_unknown_preset_is_refused_with_those_that_exist():
 
 @pytest.mark.parametrize("kept", [False, True])
 def test_the_first_segment_says_that_the_filter_is_compiled(tmp_path, monkeypatch, capsys, kept):
-    if kept:
-        (tmp_path / "step.py312.nbc").write_bytes(b"")
     monkeypatch.setattr("caesura_service.numba_support.decorators.cache_directory", lambda room: tmp_path)
+    (tmp_path / "step.py312.nbc").write_bytes(b"")  # as an interrupted compilation leaves one
+    if kept:
+        mark_compiled()
     compiled: list[str] = []
     monkeypatch.setattr("caesura_service.prepare.prepare", lambda: compiled.append("now"))
     announce_compilation()

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from caesura_service import prepare
+from caesura_service.numba_support import is_compiled
+
+pytest.importorskip("numba", reason="numba is not installed (extra service)")
+from caesura_service.numba_support import decorators
 from harness.processes import DEADLINE_S, environment, started
 
 NOT_LOADED = """
@@ -30,6 +35,24 @@ def test_another_process_compiles_before_this_one_loads(monkeypatch: pytest.Monk
     prepare.prepare()
     compiled = [sys.executable, "-m", "caesura_service.prepare"]
     assert steps == (["load"] if kept else [compiled, "load"])
+
+
+def test_an_interrupted_compilation_is_begun_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A part of the code was cached: each start compiled the rest in the service, silently, for minutes."""
+    monkeypatch.setattr(decorators, "cache_directory", lambda _room: tmp_path / "kept")
+    monkeypatch.setattr(prepare, "_load", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        prepare.main()
+    assert not is_compiled()
+    monkeypatch.setattr(prepare, "_load", lambda: None)
+    prepare.main()
+    assert is_compiled()
+    monkeypatch.setattr(decorators, "SERVICE", tmp_path)  # code is cached by the place of its source
+    assert not is_compiled()
+
+
+def interrupt() -> None:
+    raise KeyboardInterrupt
 
 
 def test_no_session_loads_a_kernel():

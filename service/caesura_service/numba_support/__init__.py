@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from functools import cache
-from pathlib import Path
 
 logger = logging.getLogger(__name__)
 
@@ -21,8 +20,16 @@ def has_kernels() -> bool:
 
 
 def is_compiled() -> bool:
-    """Return whether the filter's compiled code is cached; otherwise the first segmentation compiles it."""
-    from caesura_service.numba_support.decorators import cache_directory  # noqa: PLC0415 - imports numba
+    """Return whether all compiled code is cached; otherwise the first segmentation compiles it."""
+    from caesura_service.numba_support.decorators import completion_mark  # noqa: PLC0415 - imports numba
 
-    kept = cache_directory(Path(__file__).parents[1] / "changepoint" / "kernels")
-    return any(kept.rglob("*.nbc"))
+    return completion_mark().is_file()
+
+
+def mark_compiled() -> None:
+    """State that all compiled code is cached: an interrupted compilation leaves a part of it."""
+    from caesura_service.numba_support.decorators import completion_mark  # noqa: PLC0415 - imports numba
+
+    mark = completion_mark()
+    mark.parent.mkdir(parents=True, exist_ok=True)
+    mark.touch()

@@ -20,11 +20,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import llvmlite.binding
 import numba
 
 config: Any = numba.config
 njit: Any = numba.njit  # whose stubs do not know `_nrt`
 GIVEN = config.CACHE_DIR  # as NUMBA_CACHE_DIR says
+SERVICE = Path(__file__).parents[1]
+PACKAGES = (SERVICE / "changepoint" / "kernels", SERVICE / "signals" / "kernels")
 
 
 def digest(room: Path) -> str:
@@ -47,6 +50,14 @@ def cache_directory(room: Path) -> Path:
     if own.exists() and not copy.exists():
         shutil.copytree(own, copy, dirs_exist_ok=True)
     return copy
+
+
+def completion_mark() -> Path:
+    """Return the file that exists once all kernels are cached, for this processor, numba and directory."""
+    processor = config.CPU_NAME or llvmlite.binding.get_host_cpu_name()
+    made_for = (*map(digest, PACKAGES), processor, numba.__version__, str(SERVICE))
+    name = hashlib.blake2b("\0".join(made_for).encode(), digest_size=8).hexdigest()
+    return cache_directory(PACKAGES[0]) / f"complete-{name}"
 
 
 def _own_directory() -> Path:

@@ -202,7 +202,7 @@ def test_without_a_service_any_session_can_be_deleted(directory):
 
 def test_a_session_is_named_with_its_station_as_messages_list_it(directory):
     """cell-1/s1 was refused by a sentence that listed it as known."""
-    assert caesura("delete", "cell-2/s1", "--journal", directory).stdout == "cell-2/s1 deleted\n"
+    assert caesura("delete", "cell-2/s1", "--yes", "--journal", directory).stdout == "cell-2/s1 deleted\n"
     assert kept(directory) == ["cell-1/s1", "cell-1/s2"]
 
 

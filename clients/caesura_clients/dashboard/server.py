@@ -200,8 +200,8 @@ def declare_files(site: Site) -> None:
     async def _samples(station: str, session: str, request: Request) -> Response:
         wanted = ";".join(f"{key}={value}" for key, value in request.query_params.items())
         named, is_exact = _names(station, session), "exact" in request.query_params
-        answer = await asyncio.to_thread(_signals, site, *named, wanted, is_exact)
-        return await asyncio.to_thread(compressed, answer, request.headers.get("accept-encoding", ""))
+        accepted = request.headers.get("accept-encoding", "")
+        return await asyncio.to_thread(lambda: compressed(_signals(site, *named, wanted, is_exact), accepted))
 
     @app.get(f"{PROGRAMS}/{{station}}/{{session}}/{{name}}")
     async def _program(

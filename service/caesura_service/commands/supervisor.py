@@ -166,7 +166,7 @@ def run_instances(
     are ready; silence_s: time without a heartbeat after which an instance is killed. Raises NetworkError or
     InstanceError if one never became ready.
     """
-    with _router(network, over) as (endpoint, watch), ExitStack() as stack:
+    with _router(network, over) as (endpoint, probe), ExitStack() as stack:
         wake = threading.Event()
         instances = []
         for place, name in enumerate(names):
@@ -179,8 +179,8 @@ def run_instances(
         if _all_ready(instances, wake, over):
             ready(endpoint)
         while not over.wait(LOOK_S):
-            if watch is not None:
-                watch.update(LOOK_S)
+            if probe is not None:
+                probe.update(LOOK_S)
             for instance in instances:
                 instance.look()
 
@@ -223,15 +223,15 @@ def beating(is_alive: Callable[[], bool]) -> Iterator[None]:
 @contextmanager
 def _router(network: NetworkSettings, over: threading.Event) -> Iterator[tuple[str, RouterProbe | None]]:
     """Yield the endpoint of the configured router, or of the one that this process runs during the
-    context, and the watch of the latter.
+    context, and the probe of the latter.
     """
     if network.connect is not None:
         yield network.connect, None
         return
     session, endpoint = join(network, over)
     try:
-        with router_probe(session, "router") as watch:
-            yield endpoint, watch
+        with router_probe(session, "router") as probe:
+            yield endpoint, probe
     finally:
         session.close()
 

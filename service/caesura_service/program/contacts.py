@@ -84,15 +84,15 @@ def still_touching(
     """
     base = _without(_fallen_weight(last, step, context), base_after(last, context))
     normal, forces = direction(replace(contact, base=base).force), _felt(step, context)
-    if holds(step, context.grips) and _is_lifted(step, _changed(forces, base, context), context):
+    changed = _changed(forces, base, context)
+    if holds(step, context.grips) and _is_lifted(step, changed, context):
         return step
     touching = _touching(normal, PUSHES_BACK_N, base, step, forces, context)
     if touching.touches or step.segment.contact != "free" or step.moved_m >= DECAY_REACH_M:
         return touching
-    changed = _changed(forces, base, context)
     if length(_changed(forces, _without_load(base, context), context)) < UNLIKE_N:
         return touching
-    return _touching(changed / max(length(changed), 1e-12), UNLIKE_N, base, step, forces, context)
+    return _touching(direction(changed), UNLIKE_N, base, step, forces, context)
 
 
 def _without_load(base: Vector, context: Context) -> Vector:
@@ -121,7 +121,7 @@ def set_down(
     changed = _changed(forces, base, context)
     if _is_lifted(step, changed, context):
         return step
-    touching = _touching(changed / max(length(changed), 1e-12), UNLIKE_N, base, step, forces, context)
+    touching = _touching(direction(changed), UNLIKE_N, base, step, forces, context)
     if touching.touches or segment.motion != "steady" or ahead is None or not ahead.touches:
         return touching
     normal = direction(replace(ahead, base=base).force)

@@ -319,6 +319,6 @@ def length(vector: Sequence[float] | NDArray[np.float64]) -> float:
     return math.hypot(*vector)
 
 
-def direction(vector: Vector) -> NDArray[np.float64]:
+def direction(vector: Vector | NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the direction (3,) of a vector, of length 1; zeros for a vector of length 0."""
     return np.asarray(vector) / max(length(vector), 1e-12)

@@ -104,7 +104,7 @@ def _is_pulled(step: ProgramSegment, context: Context) -> bool:
         return False
     pulls = forces - carried_weight(step.segment, context)
     last = context.median(pulls[-ENDS:])
-    along = last / max(length(last), 1e-12)
+    along = direction(last)
     slack = np.flatnonzero(pulls @ along < PUSHES_BACK_N)
     begun = places[min(int(slack[-1]) + 1, len(places) - 1) if len(slack) else 0]
     way = np.subtract(step.segment.position_end, begun)

@@ -66,6 +66,6 @@ class RouterProbe(BackgroundThread):
 
 
 def router_probe(network: Network, instance: str) -> RouterProbe:
-    """Return the watch of a router by the session of an instance."""
+    """Return the probe of a router by the session of an instance."""
     key = f"{service_key(instance, 'status')}/watch"  # it has no publisher
     return RouterProbe(lambda: network.declare_subscriber(key, 1))

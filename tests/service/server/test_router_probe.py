@@ -18,11 +18,11 @@ from caesura_service.server import NetworkSettings
 from caesura_service.server.network_join import join
 from caesura_service.server.router_probe import RouterProbe
 network, endpoint = join(NetworkSettings(listen="tcp/127.0.0.1:0"), threading.Event())
-with RouterProbe(lambda: network.declare_subscriber("watch", 1), pause_s=0.05, stuck_s=1.0) as watch:
+with RouterProbe(lambda: network.declare_subscriber("watch", 1), pause_s=0.05, stuck_s=1.0) as probe:
     print(endpoint, flush=True)
-    while not watch.is_stuck:
+    while not probe.is_stuck:
         threading.Event().wait(0.05)
-        watch.update(0.05)
+        probe.update(0.05)
     print("stuck", flush=True)
     threading.Event().wait()
 """
@@ -46,20 +46,20 @@ class WaitingRouter:
 def test_a_router_is_stuck_from_a_declaration_that_takes_long_until_it_ends(caplog: pytest.LogCaptureFixture):
     router = WaitingRouter()
     try:
-        with RouterProbe(router.declare, pause_s=0.0, stuck_s=2.0) as watch:
+        with RouterProbe(router.declare, pause_s=0.0, stuck_s=2.0) as probe:
             router.asked.wait()
-            watch.update(1.0)
-            assert not watch.is_stuck
-            watch.update(1.0)
-            assert watch.is_stuck
-            watch.update(1.0)
+            probe.update(1.0)
+            assert not probe.is_stuck
+            probe.update(1.0)
+            assert probe.is_stuck
+            probe.update(1.0)
             assert caplog.messages == [WHY_STUCK]
 
             router.accepts.set()
 
             def recovered() -> bool:
-                watch.update(0.0)
-                return not watch.is_stuck
+                probe.update(0.0)
+                return not probe.is_stuck
 
             eventually(recovered)
             assert caplog.messages[1:] == ["the router accepts declarations again"]

@@ -38,11 +38,9 @@ class UnreadableResults:
         self.lock = threading.Lock()
         self._found: dict[Key, tuple[float, str]] = {}
 
-    def add(self, key: Key, opened: float, why: str) -> bool:
-        """Record why the results cannot be read; return whether it is new. The caller holds the lock."""
-        is_new = key not in self._found
+    def add(self, key: Key, opened: float, why: str) -> None:
+        """Record why the results cannot be read. The caller holds the lock."""
         self._found[key] = opened, why
-        return is_new
 
     def has(self, key: Key) -> bool:
         """Whether the results of a session are known to be unreadable."""

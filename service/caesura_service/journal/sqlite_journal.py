@@ -279,8 +279,11 @@ class SqliteJournal(SqliteWriter):
     def _add_unreadable(self, key: Key, why: str, level: int = logging.WARNING) -> None:
         with self._reading, map_sqlite_errors(self.path):
             found = self._reader.execute(SELECT_OPENED, key).fetchone()
-        if found is not None and self._unreadable.add(key, found[0], why):
+        if found is None:
+            return
+        if not self._unreadable.has(key):  # logged before a client can learn of it
             logger.log(level, UNREADABLE_OUTCOME, "/".join(key), why)
+        self._unreadable.add(key, found[0], why)
 
     def _check_outcomes(self) -> Generator[None, None, None]:
         """Check that the outcome of each closed session can be read, one a step. Raises JournalError."""

@@ -277,6 +277,25 @@ def test_a_damaged_outcome_is_logged_once_however_often_it_is_asked_for(tmp_path
     assert caplog.text.count("the outcome of cell-1/s01 cannot be read") == 1
 
 
+def test_a_damaged_outcome_is_logged_before_a_client_can_learn_of_it(tmp_path: Path, monkeypatch):
+    """Whoever read that a session is damaged, and then the log, found no line."""
+    write_short_sessions(tmp_path, [("cell-1", name) for name in NAMES[:3]])
+    path = tmp_path / "caesura-1.sqlite"
+    with closing(sqlite3.connect(path)) as file, file:
+        file.execute("UPDATE outcomes SET snapshot = x'00' WHERE session_id = 2")
+    monkeypatch.setattr(SqliteJournal, "_check_outcomes", lambda _self: (None for _ in ()))
+    known_when_logged = list[bool]()
+    with SqliteJournal(path) as journal:
+        monkeypatch.setattr(
+            sqlite_journal.logger,
+            "log",
+            lambda *_given: known_when_logged.append(journal._unreadable.has(("cell-1", "s01"))),
+        )
+        assert journal.outcome("cell-1", "s01") is None
+        assert journal._unreadable.has(("cell-1", "s01"))
+    assert known_when_logged == [False]
+
+
 class FailingDisk:
     """A connection to a journal on a disk with a bad sector, under the outcome of one session."""
 

@@ -22,6 +22,7 @@ from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.formats.read import load_recording
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.offline_segmentation import as_json, segment_recording
+from caesura_service.prepare import prepare
 from real_recordings import directory_of
 
 TOP = Path(__file__).resolve().parents[1]
@@ -84,6 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     what.add_argument("--against", type=Path, metavar="FILE")
     parser.add_argument("--presets", nargs="+", default=["default", "strokes", "integrated"], choices=PRESETS)
     asked = parser.parse_args(arguments)
+    prepare()  # code compiled in this process may round otherwise than code from the cache
     if asked.write:
         asked.write.write_text(json.dumps(results(asked.presets)), encoding="utf-8")
         return 0

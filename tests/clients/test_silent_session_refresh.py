@@ -5,14 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 from caesura_clients.silent_session_refresh import LONGEST_PAUSE_S, LONGEST_S, RefreshBackoff, TimeShares
-
-
-class Clock:
-    def __init__(self) -> None:
-        self.now = 0.0
-
-    def __call__(self) -> float:
-        return self.now
+from harness.clock import Clock
 
 
 def times_asked(until: float, *, answers: bool) -> list[float]:

@@ -10,20 +10,7 @@ from caesura_protocol.batching import Batcher
 from caesura_protocol.errors import CaesuraError, SourceError
 from caesura_protocol.recording import Recording
 from clients.examples import recording
-
-
-class Clock:
-    """Time passes only by sleeping."""
-
-    def __init__(self):
-        self.now = 100.0
-
-    def __call__(self):
-        return self.now
-
-    def sleep(self, duration_s):
-        assert duration_s > 0.0
-        self.now += duration_s
+from harness.clock import Clock
 
 
 def played(source, clock):
@@ -32,7 +19,7 @@ def played(source, clock):
 
 @pytest.mark.parametrize("pace", [1.0, 2.0, 0.25])
 def test_a_file_plays_at_its_pace(pace):
-    clock = Clock()
+    clock = Clock(100.0)
     source = FileSource(recording(1000), pace=pace, clock=clock, sleep=clock.sleep)
     for when, chunk in played(source, clock):
         assert when == pytest.approx(chunk[-1, 0] / pace, abs=1e-9)
@@ -40,13 +27,13 @@ def test_a_file_plays_at_its_pace(pace):
 
 
 def test_a_fast_file_does_not_wait():
-    clock = Clock()
+    clock = Clock(100.0)
     assert len(played(FileSource(recording(1000), pace=FAST, clock=clock, sleep=clock.sleep), clock)) == 50
     assert clock.now == 100.0
 
 
 def test_a_file_that_was_held_up_makes_up_for_it():
-    clock = Clock()
+    clock = Clock(100.0)
     for when, chunk in (
         (clock.now - 100.0, c) for c in FileSource(recording(), clock=clock, sleep=clock.sleep).chunks()
     ):
@@ -59,7 +46,7 @@ def test_a_file_that_was_held_up_makes_up_for_it():
 
 def test_repeated_and_late_times_are_played_as_they_are():
     t = np.array([0.0, 0.01, 0.01, 0.005, 0.03, 2.0, 2.001])
-    clock = Clock()
+    clock = Clock(100.0)
     source = FileSource(Recording(t=t, signals={"pos": np.zeros((7, 3))}), clock=clock, sleep=clock.sleep)
     pieces = played(source, clock)
     assert np.concatenate([chunk for _, chunk in pieces])[:, 0].tolist() == t.tolist()

@@ -13,6 +13,7 @@ from caesura_clients.dashboard.access import LOOPBACK, AccessMiddleware, Attempt
 from caesura_clients.dashboard.proxies import Proxies
 from caesura_protocol.errors import CaesuraError
 from dashboard.conftest import ran
+from harness.clock import Clock
 from harness.processes import DEADLINE_S
 
 PASSWORD = "correct horse"
@@ -149,18 +150,11 @@ def test_a_login_that_does_not_come_to_its_end_is_ended(locked, monkeypatch):
     assert sent[0]["status"] == 408
 
 
-class Clock:
-    now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
 @pytest.fixture
 def patient():
     """A guard whose wrong passwords cost their time, on a clock of its own."""
     guarded = AccessMiddleware(inner, names=None, password=PASSWORD)
-    guarded._attempts = Attempts(Clock())
+    guarded._attempts = Attempts(Clock(100.0))
     return guarded
 
 
@@ -192,7 +186,7 @@ def test_a_network_of_ipv6_counts_as_one_address(patient, other, status):
 
 def test_addresses_that_wait_are_bounded_and_the_first_that_may_again_is_forgotten(monkeypatch):
     monkeypatch.setattr(access, "PEERS", 2)
-    attempts = Attempts(Clock())
+    attempts = Attempts(Clock(100.0))
     for peer in ("a", "b", "a", "c"):
         attempts.wrong(peer)
     assert [bool(attempts.wait_s(peer)) for peer in "abc"] == [True, False, True]
@@ -205,7 +199,7 @@ PROXY = "10.42.3.7"
 
 def behind(proxies, *, names=None):
     guarded = AccessMiddleware(inner, names=names, password=PASSWORD, proxies=Proxies(proxies))
-    guarded._attempts = Attempts(Clock())
+    guarded._attempts = Attempts(Clock(100.0))
     return guarded
 
 

@@ -11,16 +11,9 @@ from queue import SimpleQueue
 import pytest
 
 from caesura_protocol.transport.inbox import LANES, Inbox, ReceivedSample, TokenChange
+from harness.clock import Clock
 
 DEADLINE_S = 10.0
-
-
-class Clock:
-    def __init__(self) -> None:
-        self.now = 0.0
-
-    def __call__(self) -> float:
-        return self.now
 
 
 def sample(station: str, number: int = 0, size: int = 0) -> ReceivedSample:

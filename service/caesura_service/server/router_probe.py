@@ -39,7 +39,7 @@ class RouterProbe(BackgroundThread):
         self._seen = 0  # of them, by `update`
         self._waited_s = 0.0
         self._woken = threading.Event()
-        super().__init__("caesura-router-watch", self._woken.set)
+        super().__init__("caesura-router-probe", self._woken.set)
 
     def update(self, since_s: float) -> None:
         """Record whether the router is stuck; log when that begins and when it ends.

@@ -21,18 +21,9 @@ from caesura_service.publishing.events import PipelineFactory, ReplayEnded
 from caesura_service.publishing.session_state import status_of
 from caesura_service.segmentation.pipeline_interface import Pipeline
 from caesura_service.sessions.limits import Limits
+from harness.clock import Clock
 from harness.fake_pipeline import FakePipeline, make_fake_pipeline
 from harness.sessions import NAME, OWNER, STATION, batch, batches, closing, heartbeat, opening, published
-
-
-class Clock:
-    """Says what it was told last."""
-
-    def __init__(self) -> None:
-        self.now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
 
 
 def watched(
@@ -42,7 +33,7 @@ def watched(
     **limits: Any,
 ) -> InstrumentedRegistry:
     return InstrumentedRegistry(
-        monotonic=watch or Clock(),
+        monotonic=watch or Clock(100.0),
         owner=OWNER,
         pipeline_factory=factory,
         default_preset="fake",
@@ -160,7 +151,7 @@ def test_a_station_that_opens_too_many_sessions_has_the_closed_ones_logged(caplo
 
 
 def test_a_hostile_sender_is_logged_once_and_then_by_number(caplog):
-    clock = Clock()
+    clock = Clock(100.0)
     registry = watched(clock)
     for _ in range(100):
         registry.reject(STATION, ProtocolError("malformed", "rubbish"))
@@ -186,7 +177,7 @@ def test_a_refusal_while_another_call_gives_way_is_its_own_stations(caplog):
         fake = make_fake_pipeline(opening, default_preset)
         return GivingWay(fake.preset, fake.wrench)
 
-    clock = Clock()
+    clock = Clock(100.0)
     registry = watched(clock, factory=make)
     registry.handle_command(STATION, opening(), 0.0)
     clock.now += 5.0
@@ -224,7 +215,7 @@ def test_names_that_are_unknown_take_no_room():
 
 
 def test_when_a_batch_last_came_is_known_and_a_heartbeat_is_none():
-    clock = Clock()
+    clock = Clock(100.0)
     registry = taught(watched(clock), 1)
     clock.now += 7.0
     registry.handle_samples(STATION, heartbeat(0), 0.0)
@@ -261,7 +252,7 @@ def test_a_change_without_a_before_adds_nothing():
 
 
 def test_suppressed_lines_take_bounded_room_and_a_new_sender_is_logged_again(caplog):
-    clock = Clock()
+    clock = Clock(100.0)
     registry = watched(clock)
     for number in range(3 * SENDERS):
         registry.reject(f"cell-{number}", ProtocolError("malformed", "rubbish"))

@@ -13,21 +13,12 @@ from caesura_service.cooperative_scheduler import SLICE_S, Slices, give_way
 from caesura_service.ownership.takeovers_in_turns import TakeoversInTurns
 from caesura_service.server.station_manager import StationManager
 from caesura_service.server.worker import Worker
-
-
-class Clock:
-    """A clock that only works move."""
-
-    def __init__(self) -> None:
-        self.s = 0.0
-
-    def __call__(self) -> float:
-        return self.s
+from harness.clock import Clock
 
 
 def lasting(clock: Clock, *records_s: float) -> Iterator[list[object]]:
     for record_s in records_s:
-        clock.s += record_s
+        clock.now += record_s
         yield []
 
 
@@ -38,7 +29,7 @@ def test_a_short_takeover_is_done_while_a_long_one_that_began_before_goes_on():
     turns.begin("short", lasting(clock, 0.1, 0.1, 0.1))
     while "short" in turns.stations:
         turns.step(turns.next_station())
-    assert clock.s == pytest.approx(1.3)
+    assert clock.now == pytest.approx(1.3)
     assert "long" in turns.stations
 
 
@@ -49,7 +40,7 @@ def test_of_two_that_are_as_long_neither_takes_more_than_a_record_more():
         turns.begin(station, lasting(clock, *(10 * [1.0] if station == "dense" else 100 * [0.1])))
     while len(turns.stations) == 2:
         turns.step(turns.next_station())
-    assert clock.s > 18.0
+    assert clock.now > 18.0
 
 
 def test_one_that_fails_ends_and_the_others_go_on():
@@ -75,9 +66,9 @@ def test_what_is_not_complete_in_its_time_goes_on_later():
     turns.begin("long", lasting(clock, *100 * [1.0]))
     turns.begin("short", lasting(clock, 0.1))
     assert turns.complete(5.0) == []
-    assert ([*turns.stations], clock.s) == (["long"], pytest.approx(5.1))
+    assert ([*turns.stations], clock.now) == (["long"], pytest.approx(5.1))
     assert turns.complete() == []
-    assert (bool(turns), clock.s) == (False, pytest.approx(100.1))
+    assert (bool(turns), clock.now) == (False, pytest.approx(100.1))
 
 
 def test_one_that_is_given_up_is_closed():

@@ -27,6 +27,7 @@ from caesura_service.server.rate_limit_settings import RateLimits
 from caesura_service.server.station_manager import StationManager
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 from harness.attacker import until_accepted
+from harness.clock import Clock
 from harness.fake_pipeline import make_fake_pipeline
 from harness.peer import DEADLINE_S, MemoryPeer
 from harness.sessions import opening
@@ -206,13 +207,6 @@ def changes(rate: Rate, settings: QueueSettings | None = None):
     held = TokenChanges(queue, budgets)
     held.watch(given, station_key("*", "alive"))
     return held, given, queue, budgets, clock
-
-
-class Clock:
-    now = 0.0
-
-    def __call__(self) -> float:
-        return self.now
 
 
 def test_of_a_token_beyond_its_budget_the_last_state_waits_for_it():

@@ -32,19 +32,13 @@ from caesura_service.server.budgets import Budgets
 from caesura_service.server.memory_network import in_memory
 from caesura_service.server.muted_sources import MUTED_S, MutedSources
 from caesura_service.server.rate_limit_settings import RateLimits
+from harness.clock import Clock
 from harness.fake_pipeline import make_fake_pipeline
 from harness.peer import MemoryPeer
 from harness.sessions import batches, heartbeat, opening
 
 FEW = Rate(0.001, 20.0)
 TIGHT = RateLimits(samples=FEW, commands=FEW)
-
-
-class Clock:
-    now = 0.0
-
-    def __call__(self) -> float:
-        return self.now
 
 
 def limited(rate: Rate, senders: int = 8) -> tuple[RateLimit, Clock]:

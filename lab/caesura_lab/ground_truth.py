@@ -7,6 +7,7 @@ clear.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import re
@@ -189,6 +190,11 @@ class ToleranceOptions:
             for point in truth.points
         )
         return replace(truth, points=tuple(points))
+
+
+def sha256_of(recording: Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal digits: by it an annotation names its recording."""
+    return hashlib.sha256(recording.read_bytes()).hexdigest()
 
 
 def truth_file(recording: Path) -> Path:

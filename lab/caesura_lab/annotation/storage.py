@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import re
@@ -13,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from caesura_lab.annotation.edits import Document, milliseconds
-from caesura_lab.ground_truth import SUFFIX, RecordingSource, TruthError, read_annotation, truth_of
+from caesura_lab.ground_truth import SUFFIX, RecordingSource, TruthError, read_annotation, sha256_of, truth_of
 from caesura_protocol.errors import SourceError
 from caesura_protocol.recording import Recording
 
@@ -36,7 +35,7 @@ def open_annotation(path: Path, recording: Recording, source: Path, annotator: s
 
 
 def _check_recording(path: Path, annotated: RecordingSource, source: Path) -> None:
-    found = _sha256(source)
+    found = sha256_of(source)
     if found != annotated.sha256:
         raise TruthError(
             f"{path}: made for {annotated.file} with SHA-256 {annotated.sha256}, and {source.name} has "
@@ -44,16 +43,12 @@ def _check_recording(path: Path, annotated: RecordingSource, source: Path) -> No
         )
 
 
-def _sha256(source: Path) -> str:
-    return hashlib.sha256(source.read_bytes()).hexdigest()
-
-
 def new_annotation(recording: Recording, source: Path, annotator: str) -> Document:
     """Return an annotation of the whole recording without any point.
 
     source: the recording's file, or a bag's directory, which has no hash.
     """
-    hashed = {"recording": {"file": source.name, "sha256": _sha256(source)}} if source.is_file() else {}
+    hashed = {"recording": {"file": source.name, "sha256": sha256_of(source)}} if source.is_file() else {}
     return {
         "file": source.name,
         "window": [milliseconds(float(recording.t.min())), milliseconds(float(recording.t.max()))],

@@ -13,7 +13,7 @@ from caesura_clients.cli.options import ProgramOptions, Reading, grouped, report
 from caesura_lab.commands.options import Mapping, PresetName, RecordingFile, stated_recording
 from caesura_lab.commands.segment import announce_compilation
 from caesura_lab.evaluation.suites import check_hash, within_recording
-from caesura_lab.ground_truth import Truth, read_annotation, truth_file
+from caesura_lab.ground_truth import Truth, TruthError, read_annotation, truth_file
 from caesura_lab.report.report_data import ReportData, collect
 from caesura_lab.report.times_from_start import from_start
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError
@@ -32,6 +32,7 @@ def report(
         Path | None,
         typer.Option(help="Annotation to compare with; by default FILE's .ann.json, if it exists."),
     ] = None,
+    no_truth: Annotated[bool, typer.Option("--no-truth", help="Draw FILE without its .ann.json.")] = False,
     reading: Reading,
     asked: ProgramOptions,
     mapping: Mapping = None,
@@ -39,16 +40,26 @@ def report(
     """Draw a recording with its segmentation: signals, path, tables, and the posterior over time."""
     with reported():
         _writable(out)
+        if truth and no_truth:
+            raise CaesuraError(f"--no-truth contradicts --truth {truth}: state one of them")
         recording = stated_recording(file, reading, asked, mapping)
-        beside = truth_file(file)
-        annotation = truth or (beside if beside.is_file() else None)
         known = None
-        if annotation is not None:
-            known = read_annotation(annotation)
-            check_hash(file, known.source)
-            recording, known = within_recording(recording, known)
+        if truth is not None:
+            recording, known = _annotated(file, recording, truth)
+        elif not no_truth and truth_file(file).is_file():
+            try:
+                recording, known = _annotated(file, recording, truth_file(file))
+            except TruthError as error:
+                raise TruthError(f"{error}; --no-truth draws the recording without it") from error
         _report(recording, out, preset, known)
     typer.echo(f"{out}: {out.stat().st_size / 1000:.0f} kB")
+
+
+def _annotated(file: Path, recording: Recording, annotation: Path) -> tuple[Recording, Truth]:
+    """Return a recording and its annotation. Raises TruthError if it is that of another recording."""
+    known = read_annotation(annotation)
+    check_hash(file, known.source)
+    return within_recording(recording, known)
 
 
 def _writable(out: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
 from abc import ABC, abstractmethod
@@ -27,6 +26,7 @@ from caesura_lab.ground_truth import (
     TruthError,
     read_annotation,
     read_truth,
+    sha256_of,
     truth_file,
     truth_of,
 )
@@ -156,7 +156,7 @@ def check_hash(path: Path, source: RecordingSource | None) -> None:
         return
     if path.is_dir():
         raise TruthError(f"{path}: a rosbag2 has no SHA-256, the annotation was made for {source.sha256}")
-    found = hashlib.sha256(path.read_bytes()).hexdigest()
+    found = sha256_of(path)
     if found != source.sha256:
         raise TruthError(f"{path}: SHA-256 is {found}, the annotation was made for {source.sha256}")
 

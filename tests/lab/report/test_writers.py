@@ -200,19 +200,27 @@ def test_the_planes_shown_are_those_in_which_something_happens():
     assert informative_planes(path)[0] == (0, 1)
 
 
-def test_the_command_finds_the_truth_beside_the_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> list[tuple[ReportData, Path]]:
+    """The content of each report that is written, with its path."""
+    written: list[tuple[ReportData, Path]] = []
+
+    def note(content: ReportData, path: Path) -> None:
+        written.append((content, path))
+        path.touch()
+
+    monkeypatch.setattr("caesura_lab.report.writers.write_report", note)
+    return written
+
+
+def test_the_command_finds_the_truth_beside_the_recording(
+    tmp_path: Path, drawn: list[tuple[ReportData, Path]]
+):
     guided().save(tmp_path / "taught.npz")
     points = [{"t": 0.8, "tol": 0.1, "level": "major"}]
     spans = [{"t0": 0, "t1": 0.8, "cls": "steady"}]
     annotation = {"window": [0, 3], "changepoints": points, "segments": spans}
     (tmp_path / "taught.ann.json").write_text(json.dumps(annotation))
-    drawn: list[tuple[ReportData, Path]] = []
-
-    def note(content: ReportData, path: Path) -> None:
-        drawn.append((content, path))
-        path.touch()
-
-    monkeypatch.setattr("caesura_lab.report.writers.write_report", note)
     out = tmp_path / "out.html"
     result = CliRunner().invoke(application(), ["report", str(tmp_path / "taught.npz"), "-o", str(out)])
     assert result.exit_code == 0, result.output
@@ -220,6 +228,23 @@ def test_the_command_finds_the_truth_beside_the_recording(tmp_path: Path, monkey
     assert content.truth is not None
     assert [point.t for point in content.truth.points] == [0.8]
     assert path == out
+
+
+def test_an_annotation_of_an_earlier_recording_is_refused_and_can_be_left_out(
+    tmp_path: Path, drawn: list[tuple[ReportData, Path]]
+):
+    """Whoever had cut the recording anew had to move the annotation away to see a report."""
+    guided().save(tmp_path / "taught.npz")
+    made_for = {"file": "taught.npz", "sha256": "0" * 64}
+    annotation = {"window": [0, 3], "changepoints": [], "recording": made_for}
+    (tmp_path / "taught.ann.json").write_text(json.dumps(annotation))
+    command = ["report", str(tmp_path / "taught.npz"), "-o", str(tmp_path / "out.html")]
+    refused = CliRunner().invoke(application(), command)
+    assert refused.exit_code == 1
+    assert "--no-truth draws the recording without it" in refused.output
+    result = CliRunner().invoke(application(), [*command, "--no-truth"])
+    assert result.exit_code == 0, result.output
+    assert [content.truth for content, _ in drawn] == [None]
 
 
 @pytest.mark.parametrize(
@@ -235,6 +260,10 @@ def test_the_command_finds_the_truth_beside_the_recording(tmp_path: Path, monkey
         # Each was drawn beside results of another recording.
         (["taught.npz", "-o", "out.png", "--truth", "other.json"], "the annotation was made for 0000"),
         (["taught.npz", "-o", "out.png", "--truth", "later.json"], "later.json: window is [100, 200] s, and"),
+        (
+            ["taught.npz", "-o", "out.png", "--truth", "later.json", "--no-truth"],
+            "--no-truth contradicts --truth later.json: state one of them",
+        ),
     ],
 )
 def test_what_cannot_be_done_is_said_in_one_line(

@@ -73,3 +73,22 @@ def test_a_line_of_the_list_is_read_from_the_docstring_without_an_import(tmp_pat
     app = build(())
     add_command(app, "run", "unloaded:run")
     assert "Run it, and return." in CliRunner().invoke(app, ["--help"]).stdout
+
+
+def test_a_library_that_the_system_lacks_is_named_with_its_package(tmp_path):
+    """A small image of Debian has no libgomp: `caesura demo` ended with a traceback of 30 lines."""
+    stub = tmp_path / "pinocchio.py"
+    stub.write_text(
+        "raise ImportError('libgomp.so.1: cannot open shared object file: No such file or directory')"
+    )
+    recording = Path(__file__).parents[2] / "data" / "button.npz"
+    found_first = os.pathsep.join((str(tmp_path), os.environ.get("PYTHONPATH", "")))
+    done = subprocess.run(
+        [sys.executable, "-m", "caesura_clients", "segment", str(recording)],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": found_first},
+        check=False,
+    )
+    said = "error: this machine has no libgomp.so.1; on Debian and Ubuntu install libgomp1\n"
+    assert (done.returncode, done.stderr) == (1, said)

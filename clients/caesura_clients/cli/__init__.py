@@ -7,6 +7,8 @@ install.
 
 from __future__ import annotations
 
+import re
+import sys
 from collections.abc import Iterable, Mapping
 from importlib.metadata import EntryPoint, entry_points
 from typing import Annotated
@@ -28,6 +30,9 @@ COMMANDS_OF_EXTRA: Mapping[str, tuple[str, ...]] = {
     "dashboard": ("dashboard",),
     "service,dashboard": ("annotate",),
 }
+# What the dynamic linker says of a library that a package from the index needs from the system.
+MISSING_LIBRARY = re.compile(r"(\S+\.so[.\d]*): cannot open shared object file")
+DEBIAN_PACKAGES = {"libgomp.so.1": "libgomp1"}  # pinocchio's
 
 
 def build(found: Iterable[EntryPoint] | None = None) -> typer.Typer:
@@ -59,8 +64,17 @@ def build(found: Iterable[EntryPoint] | None = None) -> typer.Typer:
 
 
 def main() -> None:
-    """Run the command line."""
-    build()()
+    """Run the command line. A library of the system that is missing is named, with its package."""
+    try:
+        build()()
+    except ImportError as error:
+        missing = MISSING_LIBRARY.match(str(error))
+        if missing is None:
+            raise
+        library = missing[1]
+        package = DEBIAN_PACKAGES.get(library, "the package that has it")
+        typer.echo(f"error: this machine has no {library}; on Debian and Ubuntu install {package}", err=True)
+        sys.exit(1)
 
 
 def _version(*, asked: bool) -> None:

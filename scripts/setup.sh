@@ -18,5 +18,5 @@ if [ -t 1 ]; then quiet=; fi # a person sees what is going on
 "$venv/bin/pip" install $quiet --disable-pip-version-check -c constraints.txt -e '.[demo]'
 # Wheels of pinocchio contain all libraries but this one, which a small image of Debian lacks.
 "$venv/bin/python" -c 'import pinocchio' 2>/dev/null || scripts/debian.sh libgomp.so.1:libgomp1
-echo "compiling the filter: half a minute, once"
+echo "compiling the filter: about a minute, once"
 "$venv/bin/python" -m caesura_service.prepare

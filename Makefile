@@ -15,9 +15,12 @@ demo: $(STAMP)
 
 # Five at a time, for tests wait for processes, browsers and clocks; each takes a file at a time, in the order of
 # tests/conftest.py, for the tests of a file share what they have simulated and started. Which process takes which:
-# tests/harness/scheduling.py.
+# tests/harness/scheduling.py. TESTS=all adds the slow ones, three quarters of the time: every test in a browser, and
+# those that are marked.
+TESTS := quick
 test: $(TESTED)
-	$(BIN)/python -m pytest -n 5 --dist loadfile --no-loadscope-reorder $(ARGS)
+	$(BIN)/python -m pytest -n 5 --dist loadfile --no-loadscope-reorder \
+	  $(if $(filter all,$(TESTS)),,-m "not slow") $(ARGS)
 
 check: $(TESTED)
 	$(BIN)/ruff check .

@@ -18,6 +18,8 @@ from caesura_clients.query import services
 from caesura_service.commands.supervisor import Instance, credentials_of, names_of
 from harness.processes import DEADLINE_S, eventually, start, started
 
+pytestmark = pytest.mark.slow
+
 SERVE = [sys.executable, "-m", "caesura_service", "serve"]
 
 

@@ -207,6 +207,7 @@ def silence(urcap: FakeUrcap, source: LiveArm, states: States, monkeypatch: pyte
     states.at(end, restore)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("fresh")
 @pytest.mark.parametrize("is_silenced", [False, True], ids=["whole", "silent_for_a_while"])
 def test_a_pick_and_place_has_its_grasp_and_its_release(play, urcap, monkeypatch, is_silenced):

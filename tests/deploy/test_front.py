@@ -16,6 +16,8 @@ from clients.conftest import free_port
 from harness.processes import eventually
 from service.security.acl_world import certificates
 
+pytestmark = pytest.mark.slow
+
 FRONT = Path(__file__).parents[2] / "deploy" / "front"
 SCENE = Path(__file__).with_name("front_scene.py")
 DEADLINE_S = 60.0

@@ -26,6 +26,8 @@ from clients.conftest import free_port
 from harness.forked import Forked
 from harness.processes import CAESURA, start
 
+pytestmark = pytest.mark.slow
+
 PAGE = (Path(__file__).parents[2] / "docs" / "deploy.md").read_text()
 DEADLINE_S = 60.0
 IN_TERMINALS_OF_THEIR_OWN = ("serve", "bridge", "watch")

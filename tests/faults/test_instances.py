@@ -58,6 +58,8 @@ LATE = "late"
 FREEZING = f"""
 import signal, threading
 from caesura_service.journal import AppliedEdit, SqliteJournal
+
+pytestmark = pytest.mark.slow
 append = SqliteJournal.append
 
 def freezing(journal, record, *, now=False):

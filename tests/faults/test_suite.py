@@ -30,6 +30,8 @@ from faults.suite.stations import LiveRobot, Station, Watched, demonstration
 from harness.attacker import Attacker
 from harness.processes import Process
 
+pytestmark = pytest.mark.slow
+
 SMALL = Scale(stations=2, seconds=8.0, pace=4.0)
 SLOW = Scale(stations=2, seconds=16.0, pace=2.0)  # lasts until the service is gone, also on a busy machine
 DISK_FAILS = (disk_calls.OUT_OF_FILES, disk_calls.RUNNING[8])

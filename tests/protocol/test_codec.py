@@ -46,6 +46,7 @@ def refusal_of(payload, encoding=None, *expected):
     return refused.value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MESSAGE_TYPES.values(), ids=MESSAGE_TYPES)
 @settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())

@@ -115,6 +115,7 @@ def assert_cheap(payload: bytes, model: type[Message], what: str) -> None:
     assert cost.bytes < MOST_BYTES, what
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", BOUNDED, ids=lambda model: model.__name__)
 @pytest.mark.parametrize("size", [8000, 520_000])
 def test_no_content_in_any_field_costs_much(model, size):
@@ -309,6 +310,7 @@ def test_refusing_a_long_result_takes_less_than_reading_a_sound_one_of_that_leng
     assert peak_of(lambda: read(hostile, Changepoints)) < 2 * reading
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MESSAGE_TYPES.values(), ids=MESSAGE_TYPES)
 def test_no_array_in_any_field_has_an_error_for_each_of_its_items(model):
     """A program of a megabyte took 3.9 s to refuse, and a gigabyte: a million errors in its `gaps`."""
@@ -443,6 +445,7 @@ def test_what_a_result_is_refused_for_is_not_written_out_wherever_it_is_wrong(mo
         assert error is None or len(words_of(error.__context__)) < HOSTILE_BYTES / 10, what
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", LONG_RESULTS, ids=lambda model: model.__name__)
 def test_refusing_a_result_takes_little_more_memory_than_reading_a_valid_one_wherever_it_is_wrong(model):
     """The table in which the interpreter interns the names of maps grows at times, for the one read then.

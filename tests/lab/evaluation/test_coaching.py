@@ -210,6 +210,7 @@ SUBSET = (
 )
 
 
+@pytest.mark.slow
 def test_both_bars_are_met_by_a_subset_with_faults_of_eight_kinds():
     summary = summarise(map(coaching.run_case, SUBSET))
     assert sum(map(len, summary.faults.values())) == 8

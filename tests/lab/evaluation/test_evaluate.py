@@ -254,6 +254,7 @@ def test_an_annotation_that_is_no_json_is_refused(tmp_path: Path):
         read_truth(tmp_path / "x.npz")
 
 
+@pytest.mark.slow
 def test_processes_judge_as_one_does():
     cases, methods = [FileCase(BUTTON), FileCase(DATA / "dispenser.npz")], [Baseline("quick", thresholds)]
     alone, together = (list(judge_all(cases, methods, workers=workers)) for workers in (1, 2))

@@ -104,6 +104,7 @@ def test_the_table_counts_what_holds_and_says_why_the_others_do_not() -> None:
     assert "app 1 is b, taught was a" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", ["taught", "optimal"])
 def test_one_person_goes_round(speed: Any) -> None:
     trip = once_a_version(run_round_trip)(RoundTripCase("dispenser", 501, speed=speed))
@@ -112,6 +113,7 @@ def test_one_person_goes_round(speed: Any) -> None:
     assert max(map(abs, trip.exerted)) < 0.06
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [2, 5, 9, 14, 18, 45])
 def test_a_spoilt_program_is_refused_or_stays_within_its_limits(number: int) -> None:
     fate = once_a_version(program_mutations.run_mutation)(number)

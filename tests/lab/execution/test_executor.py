@@ -330,6 +330,7 @@ def test_fingers_move_where_they_were_taught_to_though_it_was_touched_elsewhere(
     assert place == pytest.approx(grasp.target, abs=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("taught_n", [5.0, 16.0])
 def test_fingers_open_with_the_force_that_was_taught(taught_n: float, robot: Robot) -> None:
     """Every contact had 10 N while the fingers moved. Before they open, a weight is part of the force."""
@@ -489,6 +490,7 @@ def driven(torque_nm: float) -> tuple[App, ...]:
     )
 
 
+@pytest.mark.slow
 def test_a_screw_is_driven_along_its_helix_and_a_tight_one_is_left(robot: Robot) -> None:
     place = SimulatedCell(SCENARIOS["screwing"], THESIS, 1)
     done, torque_stop = (executed(driven(torque_nm), place) for torque_nm in (0.6, 0.3))

@@ -134,6 +134,7 @@ def unusual(case: str) -> Recording:
             return part(whole, 0, 38)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "suffix", "divided"),
     [

@@ -195,6 +195,7 @@ def runs(programs: dict[str, tuple[ProgramFile, ProgramFile]]) -> dict[str, tupl
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "shorter"), [("pick_and_place", 0.4), ("dispenser", 0.4)])
 def test_it_runs_much_shorter(
     name: str, shorter: float, runs: dict[str, tuple[RunResult, RunResult]]
@@ -288,6 +289,7 @@ def _taught_on(robot: str) -> ProgramFile:
     return document_of_apps(apps, robot)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur5e", "xarm7"])
 def test_a_demonstration_on_another_arm_is_timed_within_its_limits_at_1_khz(name: str) -> None:
     """A spline across via points smoothed the jerk that jumps there: a UR5e had 1.12 of its limit.

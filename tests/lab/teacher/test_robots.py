@@ -23,6 +23,7 @@ ARMS = ("fr3", "iiwa14", "ur10e", "ur5e", "xarm7")
 ASTRAY_M = 0.04  # of a hand that lets go near its goal
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ARMS)
 def test_an_arm_is_guided_through_buttons_within_its_limits(name: str) -> None:
     demonstration, robot = nominal_once("button", seed=1, robot=name), load_robot(name)

@@ -73,6 +73,7 @@ def test_samples_come_at_the_rate_asked_for(robot: Robot, rate: float) -> None:
     assert np.all(np.diff(t) > 0)
 
 
+@pytest.mark.slow
 def test_each_scenario_ends_where_it_should(nominal: Demonstration) -> None:
     scenario = SCENARIOS[nominal.truth["scenario"]]
     assert_allclose(nominal.recording.signals["pos"][-1], scenario.end, atol=0.012)

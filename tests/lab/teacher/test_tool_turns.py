@@ -76,6 +76,7 @@ def test_between_the_edges_of_a_turn_lies_the_angle_that_was_taught(
         )
 
 
+@pytest.mark.slow
 def test_a_screw_sinks_by_its_pitch_and_resists_more_and_more() -> None:
     taught = nominal_once("screwing", person=replace(THESIS, bias_wander_n=0.0))
     tip, lever = tips(taught)
@@ -179,6 +180,7 @@ def test_a_turn_without_an_angle_is_named(robot: Robot) -> None:
         teach(scenario, robot=robot)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["screwing", "peg", "contour"])
 def test_a_person_with_habits_teaches_each_skill_with_all_its_phases(name: str) -> None:
     truth = truth_of(nominal_once(name, seed=5, natural=True, rate_hz=100.0).truth, name)

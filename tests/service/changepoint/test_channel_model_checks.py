@@ -65,6 +65,7 @@ def evidence_of(entry: Entry, values: np.ndarray) -> float:
 # Normalised
 
 
+@pytest.mark.slow
 @that(DENSITY)
 @pytest.mark.parametrize("before", [0, 2])
 def test_evidence_summed_over_the_next_observation_is_the_evidence_before(entry: Entry, before: int) -> None:
@@ -282,6 +283,7 @@ def test_a_model_is_pure_its_hypotheses_are_independent_and_it_can_be_stored(nam
     channel_model_checks.check_serialisable(EVERYTHING[name], observations(10))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*MODELS, "held", "default's lattice"])
 def test_a_step_costs_the_same_early_and_late(name: str) -> None:
     seen = observations(10)

@@ -87,12 +87,14 @@ def follow(
     return compiled
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
 def test_every_model(model: ChannelModel) -> None:
     stream = [(observed, i == 13) for i, observed in enumerate(observations(20))]
     follow(alone(model), stream, FilterParameters(window=12))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
 def test_every_model_where_an_observation_has_no_step(model: ChannelModel) -> None:
     """At the beginning, and after a gap, which may follow another one at once."""
@@ -101,6 +103,7 @@ def test_every_model_where_an_observation_has_no_step(model: ChannelModel) -> No
     follow(stepwise, stream, FilterParameters(window=12), Refractory(8.0, 3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PRESETS)
 @pytest.mark.parametrize(
     ("parameters", "count"),
@@ -117,6 +120,7 @@ def test_every_preset(name: str, parameters: FilterParameters, count: int) -> No
     follow(lattice, pieces(rng, count), parameters, PRESETS[name].hazard)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1))
 @example(3744)  # turns far from the origin of the base frame
 @settings(max_examples=6, deadline=None)

@@ -28,6 +28,7 @@ def test_offline_agrees_with_the_sum_over_all_segmentations(name: str, hazard: H
     assert tuple(segment.start for segment in offline.path) == brute.best
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hazard", HAZARDS[:1] + HAZARDS[3:], ids=repr)
 @pytest.mark.parametrize("name", PRESETS)
 def test_online_at_the_last_sample_equals_offline(name: str, hazard: Hazard) -> None:

@@ -47,6 +47,7 @@ def check_against(brute: BruteForce, online: RunLengthFilter | CompiledRunLength
         np.testing.assert_allclose(segment.kind_log_evidence, brute.kinds[segment.start, end], atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lattice", LATTICES)
 @pytest.mark.parametrize("made", [RunLengthFilter, CompiledRunLengthFilter])
 @pytest.mark.parametrize("seed", [0, 1])
@@ -61,6 +62,7 @@ def test_filter_agrees_with_the_sum_over_all_segmentations(
     check_against(BruteForce(lattice, data, HAZARD), online)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lattice", LATTICES)
 @pytest.mark.parametrize(("taken", "at"), [((3,), 4), ((4,), 8), ((2, 6), 9), ((11,), 12)], ids=str)
 def test_a_conditioned_filter_agrees_with_the_sum_over_all_segmentations_with_the_boundary(
@@ -81,6 +83,7 @@ def test_a_conditioned_filter_agrees_with_the_sum_over_all_segmentations_with_th
         assert online.starts.min() == online.root >= taken[-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lattice", LATTICES)
 @pytest.mark.parametrize(
     ("starts", "without"), [((4,), ()), ((), (3, 4, 5)), ((2, 9), (3, 8, 11)), ((1,), ()), ((), (1, 11))]

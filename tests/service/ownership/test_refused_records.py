@@ -435,6 +435,7 @@ class Station:
         assert all(tag in tags for tag in self.tags)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=60)
 @given(events)
 def test_whatever_is_frozen_in_its_record_no_acknowledged_change_is_lost(steps):

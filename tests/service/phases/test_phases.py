@@ -258,6 +258,7 @@ def groupings(count: int, kinds: int) -> list[tuple]:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("memory", [2, 10])
 @pytest.mark.parametrize(
     "kinds", [(FREE, CONTACT, TRANSPORT), (CYCLE, CONTACT), (FREE, CYCLE), (FREE, STROKES)]

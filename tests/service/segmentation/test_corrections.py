@@ -344,6 +344,7 @@ def plain(threshold: float | None, lost: range, count: int = SHORT) -> Pipeline:
     return pipeline
 
 
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None, derandomize=True)
 @given(st.integers(0, 2**32 - 1), st.booleans())
 def test_edits_at_any_moment_are_as_if_they_had_been_known_from_the_first_sample_on(seed: int, holed: bool):
@@ -397,6 +398,7 @@ def test_an_end_that_a_correction_makes_certain_is_where_the_speed_has_it_as_wit
     assert replayed.view.segments[number - 1].tn == replayed.view.segments[number].t0
 
 
+@pytest.mark.slow
 def test_the_thesis_decision_heeds_corrections_as_well():
     assert check_same(7, 0.2, range(0), SHORTER) > 5
     pipeline = plain(0.2, range(0), SHORTER)

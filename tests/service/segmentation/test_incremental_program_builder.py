@@ -101,6 +101,7 @@ def gaps_between(steps: list[ProgramSegment]) -> list[Gap]:
     return [Gap(t0=t0 + 0.1, tn=tn - 0.05, reason="evicted") for t0, tn in pairs if tn > t0]
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None, derandomize=True)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 20), st.booleans())
 def test_it_is_the_program_of_all_segments_at_once(seed: int, gripping: int, holes: bool):
@@ -119,6 +120,7 @@ def test_it_is_the_program_of_all_segments_at_once(seed: int, gripping: int, hol
             assert apps == program_of(steps[:now], seen, gaps)
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None, derandomize=True)
 @given(st.integers(0, 2**32 - 1))
 @example(11)
@@ -136,6 +138,7 @@ def test_it_is_that_program_wherever_the_fingers_act(seed: int):
     grow_with_fingers(seed, n=28, every=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", range(0, 40, 10))
 def test_it_is_that_program_of_short_carries_contacts_and_movements(first: int):
     """Here such reasons are more frequent: one in fifteen of these seeds found one of them."""
@@ -158,6 +161,7 @@ def test_a_carry_with_empty_fingers_goes_on_a_movement(
     grow_with_fingers(seed, n=60, every=every, kinds=kinds, lengths=lengths)
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None, derandomize=True)
 @given(st.integers(0, 2**32 - 1))
 def test_it_is_that_program_where_a_grip_changes(seed: int):

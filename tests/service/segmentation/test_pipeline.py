@@ -457,6 +457,7 @@ def test_phases_hold_every_segment_and_a_final_one_is_never_revised(monkeypatch:
     assert (final[1].t0, final[1].tn) == (reach.t0, retract.tn)
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None, derandomize=True)
 @given(
     st.integers(0, 2**32 - 1),
@@ -498,6 +499,7 @@ def test_what_was_shown_as_final_is_never_revised(
     assert pipeline.view.apps == program_of(pipeline)
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None, derandomize=True)
 @given(
     st.integers(0, 2**32 - 1),
@@ -522,6 +524,7 @@ def test_a_whole_recording_has_the_results_of_a_session_at_its_end():
     assert segment_recording(load_recording(DATA / "wiping.npz")) == shown_of("wiping")[-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("preset", "threshold"), [("default", None), ("integrated", 0.2)])
 def test_a_segment_is_shown_at_once_and_once_a_second_how_far_the_last_one_reaches_and_which_are_final(
     taught: Recording, monkeypatch: pytest.MonkeyPatch, preset: str, threshold: float | None

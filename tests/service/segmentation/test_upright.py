@@ -109,6 +109,7 @@ def vectors_of(app: Any) -> Iterator[np.ndarray]:
 # --- whole demonstrations -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mounting", MOUNTINGS)
 @pytest.mark.parametrize("name", ["pick_and_place", "dispenser", "wiping", "kit_panda_1"])
 def test_a_mounting_changes_no_boundary_no_kind_and_no_load(name, mounting):

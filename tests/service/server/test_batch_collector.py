@@ -443,11 +443,13 @@ def test_a_wrong_guess_when_an_observation_is_complete_changes_nothing(late_s):
     assert compared(stream([20] * 200, {}), late_s=late_s) > 10
 
 
+@pytest.mark.slow
 def test_each_disturbance_leaves_the_same_behind():
     for kind in KINDS:
         compared(stream([20] * 170, {110: kind, 111: kind, 133: kind}))
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(
     st.lists(st.sampled_from([1, 10, 20, 20, 20, 33, 120]), min_size=100, max_size=200),

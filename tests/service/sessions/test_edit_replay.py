@@ -6,6 +6,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -79,6 +80,7 @@ def test_an_edit_makes_what_is_shown_once(monkeypatch):
     assert len(looks) == 1
 
 
+@pytest.mark.slow
 @settings(max_examples=4, deadline=None, derandomize=True)
 @given(st.integers(0, 2**32 - 1))
 def test_a_replay_of_the_journal_gives_the_same_edits_bit_for_bit(seed: int):

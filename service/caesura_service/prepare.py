@@ -7,7 +7,7 @@ import sys
 import time
 
 from caesura_service.changepoint import filter_choice
-from caesura_service.numba_support import has_kernels, is_compiled, mark_compiled
+from caesura_service.numba_support import compiling_alone, has_kernels, is_compiled, mark_compiled
 from caesura_service.signals import kernel_warm_up
 
 
@@ -30,11 +30,16 @@ def _load() -> None:
 
 
 def main() -> None:
-    """Compile or load all kernels, and mark that all are cached."""
+    """Compile all kernels that are not cached, and mark that all are.
+
+    Of several processes that start at once, such as those of `caesura serve --instances`, one compiles.
+    """
     before = time.perf_counter()
-    _load()
     if has_kernels():
-        mark_compiled()
+        with compiling_alone():
+            if not is_compiled():
+                _load()
+                mark_compiled()
     print(f"kernels ready in {time.perf_counter() - before:.1f} s")
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -49,6 +51,30 @@ def test_an_interrupted_compilation_is_begun_again(monkeypatch: pytest.MonkeyPat
     assert is_compiled()
     monkeypatch.setattr(decorators, "SERVICE", tmp_path)  # code is cached by the place of its source
     assert not is_compiled()
+
+
+def test_of_instances_that_start_at_once_one_compiles(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Each of four compiled all kernels: on two processors their supervisor ended them for being silent."""
+    monkeypatch.setattr(decorators, "cache_directory", lambda _room: tmp_path / "kept")
+    begun, may_end, compiled = threading.Event(), threading.Event(), list[int]()
+
+    def compile_() -> None:
+        compiled.append(threading.get_ident())
+        begun.set()
+        assert may_end.wait(DEADLINE_S)
+
+    monkeypatch.setattr(prepare, "_load", compile_)
+    with ThreadPoolExecutor(3) as instances:
+        first = instances.submit(prepare.main)
+        assert begun.wait(DEADLINE_S)
+        others = [instances.submit(prepare.main) for _ in range(2)]
+        may_end.set()
+        for one in (first, *others):
+            one.result(DEADLINE_S)
+    assert len(compiled) == 1
+    assert is_compiled()
 
 
 def interrupt() -> None:

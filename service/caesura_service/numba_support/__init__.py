@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import fcntl
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 
 logger = logging.getLogger(__name__)
@@ -33,3 +36,18 @@ def mark_compiled() -> None:
     mark = completion_mark()
     mark.parent.mkdir(parents=True, exist_ok=True)
     mark.touch()
+
+
+@contextmanager
+def compiling_alone() -> Iterator[None]:
+    """Wait until no other process compiles for the same cache.
+
+    The system frees the lock of a process that is killed.
+    """
+    from caesura_service.numba_support.decorators import completion_mark  # noqa: PLC0415 - imports numba
+
+    mark = completion_mark()
+    mark.parent.mkdir(parents=True, exist_ok=True)
+    with mark.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield

@@ -7,10 +7,8 @@ import json
 import os
 import pty
 import shutil
-import sqlite3
 import subprocess
 import sys
-from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -29,7 +27,7 @@ from caesura_service.journal.sqlite_database import is_in_use
 from caesura_service.offline_segmentation import BATCH_SAMPLES, opening_of, segment_recording
 from harness.commands import application
 from harness.demonstrations import guided
-from harness.journals import write_short_sessions
+from harness.journals import journal_file, write_short_sessions
 from harness.processes import eventually, serving
 
 
@@ -346,7 +344,7 @@ def test_a_session_with_damaged_results_is_listed_and_its_samples_are_exported(t
     """No list had it."""
     names = [f"s{number:02d}" for number in range(18)]  # of which a service holds the last 16
     write_short_sessions(tmp_path, [("cell-1", name) for name in names])
-    with closing(sqlite3.connect(journal_path(tmp_path, "caesura-1"))) as file, file:
+    with journal_file(journal_path(tmp_path, "caesura-1")) as file:
         file.execute("UPDATE outcomes SET snapshot = substr(snapshot, 1, 50) WHERE session_id = 2")
     with serving(tmp_path) as service:
         asked = ("list", "--connect", service.endpoint)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,13 @@ COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz")
 BATCH = 20
 BURST = 50  # short sessions that are written together
 UNLIMITED = JournalSettings(waiting_bytes=1 << 30)
+
+
+@contextmanager
+def journal_file(path: Path) -> Iterator[sqlite3.Connection]:
+    """Open the file of a journal for changes, which are committed; close it."""
+    with closing(sqlite3.connect(path)) as file, file:
+        yield file
 
 
 @contextmanager

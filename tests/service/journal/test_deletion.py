@@ -14,7 +14,7 @@ from caesura_service.journal import JournalError, JournalSettings, Record, Sqlit
 from caesura_service.journal.deletion import BATCH, SELECT_DELETED, SESSIONS, delete_batch, mark_deleted
 from caesura_service.journal.sqlite_database import open_database
 from caesura_service.journal.sqlite_journal import PATIENCE
-from harness.journals import not_written
+from harness.journals import journal_file, not_written
 from harness.processes import eventually
 from harness.sessions import COLUMNS, NAME, STATION, batch, demonstration
 from service.journal.test_sqlite_journal import grow_no_more
@@ -175,7 +175,7 @@ def test_the_name_may_be_taken_again_before_everything_is_gone(path):
 def test_what_a_killed_process_began_to_drop_is_dropped_by_the_next(path):
     with SqliteJournal(path) as journal:
         taught(journal)
-    with closing(sqlite3.connect(path)) as database, database:
+    with journal_file(path) as database:
         mark_deleted(database, KEY)
     with SqliteJournal(path) as journal:
         assert journal.sessions() == ()

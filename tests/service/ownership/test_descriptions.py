@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +13,7 @@ from caesura_protocol.messages import Ack, Describe, Description, Open, SessionS
 from caesura_service.journal import JournalSettings, PeerJournals, SqliteJournal
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.session_state import status_of
+from harness.journals import journal_file
 from harness.sessions import NAME, STATION, answer, batches, closing, new_registry, opening, published
 
 NOTHING = Description()
@@ -129,11 +129,11 @@ def test_an_outcome_that_lacks_the_last_description_is_not_believed(tmp_path):
     with registry_on(path) as registry:
         opened(registry)
         closed(registry)
-    with sqlite3.connect(path) as database:
+    with journal_file(path) as database:
         stale = database.execute("SELECT opening, last_seq, snapshot, crc FROM outcomes").fetchone()
     with registry_on(path) as registry:
         assert isinstance(describe(registry, NOTHING, WIPE), Ack)
-    with sqlite3.connect(path) as database:  # as when the power goes before the outcome is stored anew
+    with journal_file(path) as database:  # as when the power goes before the outcome is stored anew
         database.execute("UPDATE outcomes SET opening = ?, last_seq = ?, snapshot = ?, crc = ?", stale)
     with registry_on(path) as registry:
         assert status(registry).description == WIPE
@@ -164,7 +164,7 @@ def test_a_journal_of_an_older_version_is_read_and_takes_descriptions(tmp_path):
     with registry_on(path) as registry:
         opened(registry)
         closed(registry)
-    with sqlite3.connect(path) as database:
+    with journal_file(path) as database:
         database.executescript("DROP INDEX descriptions_of_session; PRAGMA user_version = 4;")
     other = tmp_path / "b.sqlite"
     with registry_on(other, peers=PeerJournals(other)) as peer:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import sqlite3
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -38,6 +37,7 @@ from caesura_service.program_edits import EditLog
 from caesura_service.publishing import edited_programs
 from caesura_service.publishing.events import TakeoverFailed
 from caesura_service.publishing.session_state import program_of
+from harness.journals import journal_file
 from harness.sessions import NAME, STATION, answer, batch, batches, closing, opening, published
 from service.ownership.test_descriptions import OPENED, registry_on
 
@@ -220,11 +220,11 @@ def test_an_outcome_that_lacks_the_last_edit_is_not_believed(tmp_path: Path):
     path = tmp_path / "a.sqlite"
     with registry_on(path) as registry:
         taught(registry, closed=True)
-    with sqlite3.connect(path) as database:
+    with journal_file(path) as database:
         stale = database.execute("SELECT opening, last_seq, snapshot, crc FROM outcomes").fetchone()
     with registry_on(path) as registry:
         assert isinstance(edit(registry, RENAMED), Ack)
-    with sqlite3.connect(path) as database:  # as when the process is killed before the outcome is stored anew
+    with journal_file(path) as database:  # as when the process is killed before the outcome is stored anew
         database.execute("UPDATE outcomes SET opening = ?, last_seq = ?, snapshot = ?, crc = ?", stale)
     with registry_on(path) as registry:
         assert names(registry)[0] == "reach"
@@ -406,7 +406,7 @@ def test_a_closed_session_is_rebuilt_from_its_records_with_the_part_bit_for_bit(
         teach_again(registry)
         assert isinstance(replace(registry), Ack)
         shown = edited_program(registry)
-    with sqlite3.connect(path) as database:
+    with journal_file(path) as database:
         database.execute("DELETE FROM outcomes")
     with registry_on(path) as registry:
         assert encode(bare(edited_program(registry))) == encode(bare(shown))

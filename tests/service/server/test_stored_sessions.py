@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, closing, contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -45,7 +45,7 @@ from caesura_service.server.stored_session_server import (
 )
 from caesura_service.sessions.limits import Limits
 from harness.fake_pipeline import make_fake_pipeline
-from harness.journals import ended, taught, write_short_sessions, written
+from harness.journals import ended, journal_file, taught, write_short_sessions, written
 from harness.peer import MemoryPeer
 from harness.processes import DEADLINE_S, eventually
 from harness.sessions import batches, opening
@@ -268,7 +268,7 @@ def test_a_damaged_outcome_is_logged_once_however_often_it_is_asked_for(tmp_path
     """Each query logged a line, and stated that the session is rebuilt, which only the last ones are."""
     write_short_sessions(tmp_path, [("cell-1", name) for name in NAMES[:3]])
     path = tmp_path / "caesura-1.sqlite"
-    with closing(sqlite3.connect(path)) as file, file:
+    with journal_file(path) as file:
         file.execute("UPDATE outcomes SET snapshot = x'00' WHERE session_id = 2")
     with SqliteJournal(path) as journal:
         stored = StoredSessions(journal, lambda: INDEX, lambda _station: True)
@@ -281,7 +281,7 @@ def test_a_damaged_outcome_is_logged_before_a_client_can_learn_of_it(tmp_path: P
     """Whoever read that a session is damaged, and then the log, found no line."""
     write_short_sessions(tmp_path, [("cell-1", name) for name in NAMES[:3]])
     path = tmp_path / "caesura-1.sqlite"
-    with closing(sqlite3.connect(path)) as file, file:
+    with journal_file(path) as file:
         file.execute("UPDATE outcomes SET snapshot = x'00' WHERE session_id = 2")
     monkeypatch.setattr(SqliteJournal, "_check_outcomes", lambda _self: (None for _ in ()))
     known_when_logged = list[bool]()
@@ -317,7 +317,7 @@ def test_a_bad_sector_under_one_session_leaves_the_others_listed(tmp_path: Path,
     """Its page was refused, and the check of all sessions ended there."""
     write_short_sessions(tmp_path, [("cell-1", name) for name in NAMES[:4]])
     path = tmp_path / "caesura-1.sqlite"
-    with closing(sqlite3.connect(path)) as file, file:
+    with journal_file(path) as file:
         file.execute("UPDATE outcomes SET snapshot = x'00' WHERE session_id = 4")
     opened = sqlite_journal.open_for_reading
     monkeypatch.setattr(
@@ -351,7 +351,7 @@ def damaged(tmp_path: Path) -> Iterator[Caesura]:
     for name in NAMES:
         written(tmp_path, taught(2.0), session=name, closed=ended("motion", t=2.0, session=name))
     path = tmp_path / "caesura-1.sqlite"
-    with closing(sqlite3.connect(path)) as file, file:
+    with journal_file(path) as file:
         file.execute("UPDATE outcomes SET snapshot = CAST(snapshot AS TEXT) WHERE session_id = 4")
         file.execute("UPDATE outcomes SET snapshot = substr(snapshot, 1, 100) WHERE session_id = 6")
         file.execute("DELETE FROM outcomes WHERE session_id = 8")
@@ -404,7 +404,7 @@ def test_a_page_skips_no_session_whose_results_cannot_be_read(tmp_path: Path, mo
     """They counted as skipped: the second page repeated sessions of the first one."""
     write_short_sessions(tmp_path, [("cell-1", name) for name in NAMES])
     path = tmp_path / "caesura-1.sqlite"
-    with closing(sqlite3.connect(path)) as file, file:
+    with journal_file(path) as file:
         file.execute("UPDATE outcomes SET snapshot = x'00' WHERE session_id % 3 = 0")
     if not checked:
         monkeypatch.setattr(SqliteJournal, "_check_outcomes", lambda _self: (None for _ in ()))
@@ -440,7 +440,7 @@ def test_sessions_without_an_outcome_do_not_fill_a_page(tmp_path: Path):
         stored = StoredSessions(journal, lambda: INDEX, lambda _station: True)
         pages = [names([*stored.page(lambda _key: True, StoredPage(1, skip))]) for skip in range(3)]
         assert pages == [["s3"], ["s0"], []]
-        with closing(sqlite3.connect(journal.path)) as file, file:
+        with journal_file(journal.path) as file:
             file.execute("UPDATE outcomes SET snapshot = x'00' WHERE session_id = 4")
         assert names([*stored.page(lambda _key: True, StoredPage(1))]) == ["s0"], (
             "one that is damaged neither"

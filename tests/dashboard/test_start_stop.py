@@ -123,7 +123,7 @@ def test_sessions_are_searched_filtered_sorted_and_deleted_with_undo(stage: Stag
         names = page.locator("td.is-task")
         page.locator(".by-station").select_option("cell-3")
         expect(names).to_have_text(["press c", "press b", "press a", "unnamed"])
-        page.get_by_role("button", name="name").click()
+        page.get_by_role("button", name="name", exact=True).click()
         expect(names, "as the column has them").to_have_text(["press a", "press b", "press c", "unnamed"])
         caesura.edit_program("cell-3", "list-a", NameProgram(name="press"), author="Ann")
         changed = page.locator("tr", has_text="press a").locator("td[data-title=changed]")
@@ -148,6 +148,39 @@ def test_sessions_are_searched_filtered_sorted_and_deleted_with_undo(stage: Stag
         form.locator(".delete").click()
         expect(form.locator(".saved")).to_contain_text("Restored.")
         assert caesura.snapshot("cell-3", "list-b").status.description.deleted is False
+        assert visitor.errors == []
+
+
+def test_a_session_is_deleted_in_the_list_and_the_line_above_it_takes_that_back(
+    stage: Stage, visitor: Visitor
+):
+    with stage.reader() as caesura:
+        for number in ("a", "b"):
+            stage.teach("cell-5", guided(), session=f"row-{number}", pace="fast")
+            stage.wait("cell-5")
+            caesura.describe("cell-5", f"row-{number}", author="Ann", task=f"wipe {number}", tags=["left"])
+        page = visitor.page
+        page.goto(f"{stage.dashboard.url}/sessions")
+        page.locator(".by-station").select_option("cell-5")
+        names, said = page.locator("td.is-task"), page.locator(".list-said .saved")
+        expect(names).to_have_text(["wipe b", "wipe a"])
+        page.get_by_role("button", name="Delete wipe b").click()
+        expect(said).to_contain_text("wipe b is deleted.")
+        expect(names).to_have_text(["wipe a"])
+        assert described(caesura, "row-b", "cell-5").deleted is True
+        looks_right(visitor, "session-deleted", within=".list-said")
+        undo = said.get_by_role("button", name="Undo")
+        expect(undo, "the button that had the focus is gone").to_be_focused()
+        undo.press("Enter")
+        expect(said).to_contain_text("wipe b is restored.")
+        expect(names).to_have_text(["wipe b", "wipe a"])
+        assert described(caesura, "row-b", "cell-5") == Description(task="wipe b", tags=("left",))
+        page.get_by_role("button", name="Delete wipe a").press("Enter")
+        expect(names).to_have_text(["wipe b"])
+        page.locator(".with-deleted").check()
+        page.get_by_role("button", name="Restore wipe a").press("Enter")
+        expect(said).to_contain_text("wipe a is restored.")
+        eventually(lambda: described(caesura, "row-a", "cell-5").deleted is False)
         assert visitor.errors == []
 
 

@@ -13,9 +13,19 @@ from caesura_protocol.session_time_display import local_moment
 
 
 def sessions(world: DashboardState) -> list[dict[str, Any]]:
-    """Return a row per session, the newest first; `href` links to its replay."""
+    """Return a row per session, the newest first; `href` links to its replay.
+
+    held: the service holds it, so its description can be changed.
+    """
     newest = newest_first({**world.stored, **world.updates}.values())
-    return [_row(update, is_left_open=world.is_left_open(update)) for update in newest]
+    return [
+        {
+            **_row(update),
+            "leftOpen": world.is_left_open(update),
+            "held": (update.station, update.session) in world.updates,
+        }
+        for update in newest
+    ]
 
 
 def newest_first(updates: Iterable[Update]) -> list[Update]:
@@ -36,7 +46,7 @@ def _opened(one: DamagedSession) -> str:
     return "" if one.opened is None else f", taught {local_moment(one.opened)}"
 
 
-def _row(update: Update, *, is_left_open: bool) -> dict[str, Any]:
+def _row(update: Update) -> dict[str, Any]:
     status, stated = update.status, update.status.description
     return {
         "station": update.station,
@@ -50,7 +60,6 @@ def _row(update: Update, *, is_left_open: bool) -> dict[str, Any]:
         "deleted": stated.deleted,
         "opened": status.opened,
         "closed": update.closed,
-        "leftOpen": is_left_open,
         "length": round(lasted(update), 1),
         "segments": len(update.segments),
         "apps": len(update.program.apps),

@@ -147,16 +147,29 @@ class RecordingDrop(LiveElement, component="web/recordings.js"):
 class SessionList(LiveElement, component="web/session_list.js"):
     """Sessions with search, filters and order: {warning, damaged, sessions}.
 
-    on_older: called to load older sessions.
+    on_older: called to load older sessions. on_ask: called with {station, request} to delete or restore one.
     """
 
-    def __init__(self, initial: dict[str, Any], on_older: Callable[[GenericEventArguments], Any]) -> None:
+    def __init__(
+        self,
+        initial: dict[str, Any],
+        on_older: Callable[[GenericEventArguments], Any],
+        on_ask: Callable[[GenericEventArguments], Any],
+        *,
+        editable: bool,
+    ) -> None:
         super().__init__(initial)
+        self._props["editable"] = editable
         self.on("older", on_older)
+        self.on("ask", on_ask)
 
     def answered(self, message: str, *, failed: bool) -> None:
         """Show the outcome of loading older sessions."""
         self.run_method("answered", message, failed)
+
+    def described(self, message: str, *, failed: bool) -> None:
+        """Show the outcome of a deletion or of its undo."""
+        self.run_method("described", message, failed)
 
 
 class ProgramTimeline(LiveElement, component="web/program.js"):

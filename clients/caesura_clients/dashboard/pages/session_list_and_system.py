@@ -9,7 +9,7 @@ import numpy as np
 from nicegui import Client, run, ui
 from nicegui.events import GenericEventArguments
 
-from caesura_clients.dashboard.correction_requests import refusal
+from caesura_clients.dashboard.correction_requests import EditRefused, refusal
 from caesura_clients.dashboard.pages.layout import SLOW_TICK_S, Site, page
 from caesura_clients.dashboard.session_list_rows import damaged, sessions
 from caesura_clients.dashboard.station_summary import DashboardState
@@ -46,8 +46,23 @@ def build_sessions(site: Site) -> None:
                 f"{found} older ones." if found else "The journal has no older one.", failed=False
             )
 
+    async def describe(event: GenericEventArguments) -> None:
+        """Delete or restore a session, without blocking other pages."""
+        asked = event.args
+        if site.desk is None or not isinstance(asked, dict) or not isinstance(asked.get("request"), dict):
+            return
+        try:
+            station = check_name(str(asked.get("station")), "station")
+            said = await run.io_bound(site.desk.carry_out, station, asked["request"])
+        except ProtocolError as error:
+            listed.described(refusal(error), failed=True)
+        except EditRefused as refused:
+            listed.described(str(refused), failed=True)
+        else:
+            listed.described(said or "", failed=False)
+
     with page("Sessions", "/sessions"):
-        listed = SessionList(_sessions(site.gateway.world), older)
+        listed = SessionList(_sessions(site.gateway.world), older, describe, editable=site.desk is not None)
     ui.timer(SLOW_TICK_S, lambda: listed.show(_sessions(site.gateway.world)))
 
 

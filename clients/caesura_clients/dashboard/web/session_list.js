@@ -1,6 +1,11 @@
 // Every session that the service holds: searched, filtered and sorted in the browser.
+import { changes } from "caesura-dashboard/clicks.js";
 import { live } from "caesura-dashboard/live.js";
 import { dayAndTime } from "caesura-dashboard/numbers.js";
+import Staying from "caesura-dashboard/staying.js";
+
+const AUTHOR = "caesura-author";
+const ARRIVES_MS = 5000; // by then the list of the service has what was changed here
 
 const COLUMNS = [
   ["task", "name"], ["success", "success"], ["opened", "taught"], ["station", "station"], ["operator", "operator"], ["tags", "tags"],
@@ -14,8 +19,11 @@ const order = (a, b) => (typeof a === "number" && typeof b === "number" ? a - b 
 
 export default {
   mixins: [live],
-  emits: ["older"],
+  components: { Staying },
+  props: { editable: Boolean },
+  emits: ["older", "ask"],
   data: () => ({
+    changed: null, isDeleting: false, outcome: "", refused: false, made: {},
     asking: false, message: "", failed: false,
     warning: "", damaged: [], sessions: null, words: "", chosen: [], station: "", success: "", deleted: false, by: "opened", falling: true, columns: COLUMNS, most: MOST,
   }),
@@ -30,19 +38,24 @@ export default {
           <option value="false">no</option><option value="null">not stated</option></select></label>
         <label class="check"><input class="with-deleted" type="checkbox" v-model="deleted"> deleted ones too</label>
       </div>
-      <p class="summary" role="status">{{ summary }}</p>
+      <div class="list-said"><p class="summary" role="status">{{ summary }}</p>
+        <staying v-if="editable" class="saved" :class="{ failed: refused }">{{ outcome }}
+          <button v-if="changed && !isDeleting && !refused" ref="undo" class="take-back" @click="undo">Undo</button></staying></div>
       <p class="compare"><a v-if="chosen.length === 2" class="button" :href="'/compare?first=' + chosen[0] + '&second=' + chosen[1]">Compare these two</a>
         <span v-else class="help">Choose two sessions to compare them.</span>
         <a v-if="closed.length && closed.length <= most" class="dataset" :href="dataset">LeRobot dataset of {{ closed.length === 1 ? "this session" : "these " + closed.length }}</a></p>
       <div v-if="found.length" class="scroll" tabindex="0" role="region" aria-label="All sessions">
         <table class="sessions"><thead><tr><th scope="col">compare</th><th v-for="[key, title] in columns" :key="key" scope="col" :class="'is-' + key" :aria-sort="sorted(key)">
-          <button class="sort" @click="sort(key)">{{ title }}<span aria-hidden="true">{{ by === key ? (falling ? " ▾" : " ▴") : "" }}</span></button></th></tr></thead>
+          <button class="sort" @click="sort(key)">{{ title }}<span aria-hidden="true">{{ by === key ? (falling ? " ▾" : " ▴") : "" }}</span></button></th>
+          <th v-if="editable" scope="col" class="is-delete">delete</th></tr></thead>
         <tbody><tr v-for="one in found" :key="one.station + '/' + one.session" :class="{ deleted: one.deleted }">
           <td class="is-chosen"><input type="checkbox" class="choose" :checked="chosen.includes(nameOf(one))" @change="choose(nameOf(one))"
             :aria-label="'compare ' + named(one)"></td>
           <td v-for="[key, title] in columns" :key="key" :data-title="title" :class="['is-' + key, { alarm: key === 'gaps' && one.gaps > 0 }]">
             <a v-if="key === 'task'" :href="one.href" :title="'session ' + one.session">{{ named(one) }}</a>
             <template v-else>{{ shown(key, one) }}</template></td>
+          <td v-if="editable" class="is-delete"><button v-if="one.held" class="delete" :disabled="isDeleting" :aria-label="(one.deleted ? 'Restore ' : 'Delete ') + named(one)"
+            @click="ask(one, !one.deleted)">{{ one.deleted ? "Restore" : "Delete" }}</button></td>
         </tr></tbody></table>
       </div>
       <p v-else-if="sessions" class="empty">{{ sessions.length ? "No session is like that." : "No session is known." }}</p>
@@ -52,12 +65,15 @@ export default {
         <span role="status" :class="{ alarm: failed }">{{ message }}</span></p>
     </div>`,
   computed: {
+    known() { // with what was changed here and is not in the service's list yet
+      return (this.sessions || []).map((one) => (this.nameOf(one) in this.made ? { ...one, deleted: this.made[this.nameOf(one)] } : one));
+    },
     stations() {
       return [...new Set((this.sessions || []).map((one) => one.station))].sort();
     },
     found() {
       const words = this.words.toLowerCase().split(/\s+/).filter(Boolean);
-      const rows = (this.sessions || []).filter((one) => {
+      const rows = this.known.filter((one) => {
         const text = [one.task, one.operator, one.note, one.station, one.session, ...one.tags].join(" ").toLowerCase();
         return (this.deleted || !one.deleted) && (!this.station || one.station === this.station) &&
           (!this.success || String(one.success) === this.success) && words.every((word) => text.includes(word));
@@ -73,7 +89,7 @@ export default {
       return "/datasets?" + this.closed.map((one) => "session=" + this.nameOf(one)).join("&");
     },
     summary() {
-      const all = (this.sessions || []).filter((one) => this.deleted || !one.deleted).length;
+      const all = this.known.filter((one) => this.deleted || !one.deleted).length;
       const count = `${all} session${all === 1 ? "" : "s"}`;
       return this.found.length === all ? count : `${this.found.length} of ${count}`;
     },
@@ -85,6 +101,32 @@ export default {
     },
     answered(message, failed) {
       Object.assign(this, { message, failed, asking: false });
+    },
+    ask(one, deleted) {
+      const { station, session, task, operator, note, tags, success } = one;
+      const before = { task: task || null, operator: operator || null, note: note || null, tags, success, deleted: !deleted };
+      changes();
+      Object.assign(this, { isDeleting: true, changed: { name: this.nameOf(one), words: named(one), deleted }, outcome: deleted ? "Deleting …" : "Restoring …", refused: false });
+      const author = (localStorage.getItem(AUTHOR) || "").trim();
+      this.$emit("ask", { station, request: { type: "describe", author, session, before, description: { ...before, deleted } } });
+    },
+    undo() {
+      const one = this.known.find((row) => this.nameOf(row) === this.changed.name);
+      if (one) this.ask(one, !this.changed.deleted);
+      else Object.assign(this, { outcome: `${this.changed.words} is no longer in the list, and was not changed.`, refused: true });
+    },
+    described(message, failed) {
+      const { name, words, deleted } = this.changed;
+      Object.assign(this, { isDeleting: false, refused: failed });
+      this.outcome = failed ? message : deleted ? `${words} is deleted.` : `${words} is restored.`;
+      if (failed) return;
+      this.made = { ...this.made, [name]: deleted };
+      setTimeout(() => this.forget(name), ARRIVES_MS);
+      if (document.activeElement === document.body) this.$nextTick(() => this.$refs.undo?.focus({ preventScroll: true })); // the button went with its row
+    },
+    forget(name) {
+      const { [name]: _, ...others } = this.made;
+      this.made = others;
     },
     named,
     nameOf: (one) => `${one.station}/${one.session}`,

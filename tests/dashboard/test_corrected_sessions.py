@@ -91,6 +91,33 @@ def test_a_session_that_is_over_can_still_be_corrected(stage: Stage, visitor: Vi
     )
 
 
+def test_a_time_beyond_the_session_is_refused_and_nothing_is_corrected(stage: Stage, visitor: Visitor):
+    """It was replaced by the end of the session in silence, and a click corrected there."""
+    teach(stage, "cell-beyond")
+    visitor.is_called("Ann", stage.dashboard.url)
+    page, menu = visitor.page, visitor.page.locator(".correct-menu")
+    page.goto(f"{stage.dashboard.url}/sessions/cell-beyond/over")
+    expect(page.locator(".app").first).to_be_visible()
+    page.locator(".plots").press("r")
+    time, refused = page.get_by_label("Time [s]"), menu.get_by_role("alert")
+    time.fill("99")
+    menu.locator(".insert").click()
+    expect(refused).to_have_text(
+        re.compile(r"^Time 99 s is outside the session \(0 to 5\.\d+ s\): type a time in it\.$")
+    )
+    expect(time).to_have_value("99")
+    expect(time).to_be_focused()
+    assert visitor.barriers(within=".correct-menu") == []
+    visitor.picture("outside")
+    with stage.reader() as caesura:
+        assert caesura.snapshot("cell-beyond", "over").status.revision == 0
+    time.fill(str(T))
+    time.press("Tab")
+    expect(refused).to_have_count(0)
+    menu.locator(".insert").press("Enter")
+    expect(page.locator(".message")).to_contain_text("Changepoint inserted at 1.")
+
+
 def test_a_list_that_shows_itself_folds_with_the_next_session(stage: Stage, visitor: Visitor):
     """It stayed open and stated that nothing had been corrected. The last answer stayed, too."""
     teach(stage, "cell-fold")

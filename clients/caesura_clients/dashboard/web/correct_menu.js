@@ -9,12 +9,12 @@ const NEAR = 0.005; // [s] up to which a time is that of a changepoint
 export default {
   mixins: [clock],
   components: { EffectWords },
-  props: { t: Number, start: Number, selected: Number, segment: Object, phase: Object, kinds: Object, author: String, x: Number, y: Number, width: Number, room: Number, kept: Array, effect: Object },
+  props: { t: Number, start: Number, begin: Number, newest: Number, selected: Number, segment: Object, phase: Object, kinds: Object, author: String, x: Number, y: Number, width: Number, room: Number, kept: Array, effect: Object },
   emits: ["edit", "preview", "close", "rename", "time"],
-  data: () => ({ newton: 10, tapped: "", name: "", raised: 0, bottom: "auto", most: "none", apart: false }), // apart: the preview is at the lower edge of the window
+  data: () => ({ newton: 10, outside: "", tapped: "", name: "", raised: 0, bottom: "auto", most: "none", apart: false }), // apart: the preview is at the lower edge of the window
   template: `
     <div class="correct-menu" :class="{ apart }" role="dialog" :aria-label="'Correct at ' + shownTime(t) + ' s'" :style="place" @keydown.esc.stop="$emit('close')">
-      <label class="menu-time">Time [s] <input ref="time" class="time" type="number" step="any" @change="setTime($event.target.value)"></label>
+      <label class="menu-time">Time [s] <input ref="time" class="time" type="number" step="any" :aria-invalid="String(outside !== '')" @change="setTime($event.target.value)"></label>
       <button v-if="isAtPoint" class="remove" title="The two segments that meet here become one" v-on="making({ do: 'remove', t: selected })">
         Remove the changepoint <kbd>Delete</kbd></button>
       <button v-else class="insert" title="A segment ends here, and the next one begins" v-on="making({ do: 'insert', t })">
@@ -24,19 +24,21 @@ export default {
       <fieldset v-if="segment"><legend>The segment is</legend>
         <button v-for="(look, name) in kinds" :key="name" class="is-kind" :aria-pressed="String(name === segment[2])"
           v-on="making({ do: 'relabel', t, kind: name })"><i class="swatch" :class="'kind-' + name"></i>{{ name }}</button></fieldset>
-      <form class="row" @submit.prevent="$emit('edit', { do: 'limit_force', t, newton })">
+      <form class="row" @submit.prevent="make({ do: 'limit_force', t, newton })">
         <label>Force at most [N] <input class="newton" type="number" min="0" step="any" required v-model.number="newton"></label>
         <button class="limit" title="The app here exerts no more than that" v-on="pointing({ do: 'limit_force', t, newton })">Limit</button>
         <button type="button" class="unlimit" title="The app here exerts what was taught" v-on="making({ do: 'limit_force', t, newton: null })">No limit</button></form>
-      <form v-if="phase" class="row" @submit.prevent="$emit('edit', { do: 'name_phase', t, name })">
+      <form v-if="phase" class="row" @submit.prevent="make({ do: 'name_phase', t, name })">
         <label>Name the phase {{ phase[2] }} <input class="phase-name" maxlength="64" required v-model.trim="name"></label>
         <button class="name-phase" title="Its apps are a group of this name; nothing else changes"
           v-on="name ? pointing({ do: 'name_phase', t, name }) : {}">Name</button></form>
       <p v-if="author" class="by">by {{ author }} <button class="rename" @click="$emit('rename')">Another name</button></p>
-      <effect-words :effect="effect" :more="tapped && 'Tap again to correct.'"></effect-words>
+      <p v-if="outside" class="outside" role="alert">{{ outside }}</p>
+      <effect-words v-else :effect="effect" :more="tapped && 'Tap again to correct.'"></effect-words>
     </div>`,
   watch: {
     t() {
+      this.outside = "";
       if (document.activeElement !== this.$refs.time) this.writeTime();
     },
     phase: {
@@ -74,12 +76,21 @@ export default {
     writeTime() { // once: a binding would undo what is being typed whenever the menu is drawn anew
       if (this.$refs.time) this.$refs.time.value = this.shownTime(this.t);
     },
-    setTime(typed) {
-      if (typed) this.$emit("time", this.readTime(Number(typed)));
-      this.$nextTick(this.writeTime); // within the session
+    setTime(typed) { // one outside the session stays as it was typed, and nothing is corrected until it is another one
+      const t = typed ? this.readTime(Number(typed)) : this.t, brief = (time) => String(Number(this.shownTime(time)));
+      const [from, to] = [this.begin, this.newest].map(brief);
+      const isInside = Number(brief(t)) >= Number(from) && Number(brief(t)) <= Number(to);
+      this.outside = isInside ? "" : `Time ${brief(t)} s is outside the session (${from} to ${to} s): type a time in it.`;
+      if (!isInside) return this.$emit("preview", null);
+      this.$emit("time", t);
+      this.$nextTick(this.writeTime);
+    },
+    make(action) {
+      if (this.outside) this.$refs.time.select();
+      else this.$emit("edit", action);
     },
     pointing(action) { // listeners of a button: what it would change is shown while it is pointed at
-      return pointing(() => this.$emit("preview", action), () => {
+      return pointing(() => this.outside || this.$emit("preview", action), () => {
         this.tapped = "";
         this.$emit("preview", null);
       });
@@ -89,7 +100,7 @@ export default {
     },
     choose(event, action) {
       const tap = JSON.stringify(action);
-      if (event.pointerType !== "touch" || this.tapped === tap) return this.$emit("edit", action);
+      if (event.pointerType !== "touch" || this.tapped === tap || this.outside) return this.make(action);
       this.tapped = tap;
       this.$emit("preview", action);
     },

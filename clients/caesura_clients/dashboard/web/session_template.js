@@ -19,7 +19,7 @@ const correcting = `
   <p v-if="!editable && !linked" class="empty only-read">{{ why }}</p>`;
 
 const floating = `
-  <correct-menu v-if="menu && cursor !== null" v-bind="menu" :t="cursor" :start="start" :selected="selected" :segment="segmentAtCursor" :phase="phaseAtCursor" :kinds="kinds" :author="author" :effect="effect"
+  <correct-menu v-if="menu && cursor !== null" v-bind="menu" :t="cursor" :start="start" :begin="begin" :newest="newest" :selected="selected" :segment="segmentAtCursor" :phase="phaseAtCursor" :kinds="kinds" :author="author" :effect="effect"
     @edit="chosenInMenu" @close="closeMenu" @rename="rename" @time="goto"
     @preview="(action) => preview(action, 'menu')"></correct-menu>
   <p v-if="pointedInBand && !menu" class="band-tip" :style="bandStyle" aria-hidden="true">{{ bandWords }}</p>

@@ -342,7 +342,12 @@ def examples() -> dict[str, Message]:
         first_app=2,
         apps_after=(
             AppOutline(
-                kind="apply_force", t0=1.25, tn=5.0, target=(0.5, 0.25, 0.125), force=(0.0, 0.0, -9.5)
+                kind="apply_force",
+                name="press",
+                t0=1.25,
+                tn=5.0,
+                target=(0.5, 0.25, 0.125),
+                force=(0.0, 0.0, -9.5),
             ),
         ),
         first_phase=1,

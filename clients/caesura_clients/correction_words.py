@@ -188,15 +188,17 @@ def _apps(effect: EditEffect, clock: SessionClock) -> Iterator[str]:
     before, after, first = effect.apps_before, effect.apps_after, effect.first_app
     if [one.kind for one in before] == [one.kind for one in after]:
         pairs = enumerate(zip(before, after, strict=True), first)
-        changed = ((app_name(i, new.kind), ", ".join(_values(old, new, clock))) for i, (old, new) in pairs)
+        changed = (
+            (app_name(i, new.kind, new.name), ", ".join(_values(old, new, clock))) for i, (old, new) in pairs
+        )
         found = [f"{name}: {values}" for name, values in changed if values]
         yield from found[:LISTED]
         if len(found) > LISTED:
             yield f"values of {counted(len(found) - LISTED, 'more app')} change"
         return
     yield from _becomes(
-        [app_name(i, one.kind) for i, one in enumerate(before, first)],
-        [app_name(i, one.kind) for i, one in enumerate(after, first)],
+        [app_name(i, one.kind, one.name) for i, one in enumerate(before, first)],
+        [app_name(i, one.kind, one.name) for i, one in enumerate(after, first)],
     )
 
 

@@ -32,6 +32,8 @@ from caesura_protocol.messages import (
 from caesura_protocol.session_time_display import NO_OFFSET, SessionClock
 from caesura_protocol.transport.transport_interface import Transport
 
+AppNames = Mapping[tuple[str, int | None, float | None], str]  # what people call apps, as `names_of`
+
 HALF = 0.5  # of the time of an app
 
 
@@ -102,23 +104,51 @@ FIELD_WORDS: Mapping[str, str] = {
 }
 
 
-def in_words(action: ProgramAction, clock: SessionClock = NO_OFFSET) -> str:
-    """Return text on an edit of a program. clock: of its session.
+def names_of(program: Program) -> AppNames:
+    """Return the names of a program's apps, also of those that an edit has deleted since it named them."""
+    names: dict[tuple[str, int | None, float | None], str] = {}
+    for edit in program.edits:
+        action = edit.action
+        if isinstance(action, ChangeApp) and action.name and edit.state != "undone":
+            names[_key(action.app)] = action.name
+        elif isinstance(action, InsertApp) and action.name:
+            names[action.kind, edit.number, None] = action.name
+    for app in program.apps:
+        names.pop(_key(reference(app)), None)
+        if app.name:
+            names[_key(reference(app))] = app.name
+    return names
+
+
+def _key(app: AppReference) -> tuple[str, int | None, float | None]:
+    """Return what identifies an app: the edit that added it, or else its start."""
+    return app.kind, app.added, app.t0 if app.added is None else None
+
+
+def in_words(action: ProgramAction, clock: SessionClock = NO_OFFSET, names: AppNames | None = None) -> str:
+    """Return text on an edit of a program. clock: of its session; names: of its apps.
+
+    An app without a name is called by its kind.
 
     >>> in_words(DeleteApp(app=AppReference(kind="grasp", t0=1.8, tn=3.5)))
     "'grasp' at 1.8 s deleted"
     """
+
+    def at(app: AppReference) -> str:
+        when = f"at {clock.shown(app.t0, 1)} s" if app.added is None else f"of edit {app.added}"
+        return f"'{(names or {}).get(_key(app)) or app_title(app.kind)}' {when}"
+
     match action:
         case ChangeApp(app=app):
-            words = f"{_at(app, clock)}: {', '.join(_changes(action))}"
+            words = f"{at(app)}: {', '.join(_changes(action))}"
         case MoveApp(app=app, after=after):
-            words = f"{_at(app, clock)} moved {_after(after, clock)}"
+            words = f"{at(app)} moved {_after(after and at(after))}"
         case DeleteApp(app=app) | DuplicateApp(app=app):
-            words = f"{_at(app, clock)} {action.do}d"
-        case InsertApp(after=after, kind=kind):
-            words = f"'{app_title(kind)}' inserted {_after(after, clock)}"
+            words = f"{at(app)} {action.do}d"
+        case InsertApp(after=after, kind=kind, name=name):
+            words = f"'{name or app_title(kind)}' inserted {_after(after and at(after))}"
         case ReplacePart(first=first, last=last, session=session):
-            part = _at(first, clock) if first == last else f"{_at(first, clock)} to {_at(last, clock)}"
+            part = at(first) if first == last else f"{at(first)} to {at(last)}"
             words = f"{part} replaced by session '{session}'"
         case NameProgram(name=name):
             words = f"program named '{name}'"
@@ -127,13 +157,15 @@ def in_words(action: ProgramAction, clock: SessionClock = NO_OFFSET) -> str:
     return words
 
 
-def outcome_words(action: ProgramAction, ack: Ack, clock: SessionClock = NO_OFFSET) -> str:
+def outcome_words(
+    action: ProgramAction, ack: Ack, clock: SessionClock = NO_OFFSET, names: AppNames | None = None
+) -> str:
     """Return text on an acknowledged edit; of an undo and a redo, on the edit that was undone or restored."""
     moved = ack.program_edit
     if moved is None:
-        return in_words(action, clock)
+        return in_words(action, clock, names)
     lead = "undone" if isinstance(action, Undo) else "done again"
-    return f"{lead}: {in_words(moved.action, clock)} (edit {moved.number} by {moved.author})"
+    return f"{lead}: {in_words(moved.action, clock, names)} (edit {moved.number} by {moved.author})"
 
 
 def _changes(action: ChangeApp) -> Iterator[str]:
@@ -144,10 +176,5 @@ def _changes(action: ChangeApp) -> Iterator[str]:
             yield f"{words} as taught"
 
 
-def _after(after: AppReference | None, clock: SessionClock) -> str:
-    return f"after {_at(after, clock)}" if after else "to the beginning"
-
-
-def _at(app: AppReference, clock: SessionClock) -> str:
-    when = f"at {clock.shown(app.t0, 1)} s" if app.added is None else f"of edit {app.added}"
-    return f"'{app_title(app.kind)}' {when}"
+def _after(after: str | None) -> str:
+    return f"after {after}" if after else "to the beginning"

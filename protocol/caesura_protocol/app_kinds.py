@@ -108,10 +108,14 @@ def step_title(kind: str, name: str | None, target_name: str | None) -> str:
     return f"{title}: {target_name}" if target_name else title
 
 
-def app_name(index: int, kind: str) -> str:
-    """Return the text by which messages refer to an app; index: in the program, from 0.
+def app_name(index: int, kind: str, name: str | None = None) -> str:
+    """Return the text by which messages refer to an app.
+
+    index: in the program, from 0. name: that a person gave it.
 
     >>> app_name(1, "apply_force")
     'app 2 (apply force)'
+    >>> app_name(1, "apply_force", "press the seal")
+    'app 2 (press the seal)'
     """
-    return f"app {app_number(index)} ({app_title(kind)})"
+    return f"app {app_number(index)} ({name or app_title(kind)})"

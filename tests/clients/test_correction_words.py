@@ -100,6 +100,14 @@ def effect(**rows: Any) -> EditEffect:
     return EditEffect(first_segment=0, first_app=4, **rows)
 
 
+def test_an_app_is_called_by_its_name():
+    named = app(name="press the seal", force=(0.0, 0.0, -8.0))
+    limited = app(name="press the seal", force=(0.0, 0.0, -4.0))
+    assert effect_words(effect(apps_before=(named,), apps_after=(limited,))) == [
+        "App 5 (press the seal): force 8.0 N becomes 4.0 N."
+    ]
+
+
 def test_segments_become_others_of_which_a_few_are_named():
     found = effect(segments_before=outlines("motion", "hold"), segments_after=outlines("hold"))
     assert effect_words(found) == [

@@ -75,6 +75,9 @@ def test_a_session_that_is_over_can_still_be_corrected(stage: Stage, visitor: Vi
     page.set_viewport_size(TABLET)
     page.goto(f"{stage.dashboard.url}/sessions/cell-over/over")
     expect(page.locator(".app").first).to_be_visible()
+    for button in (".undo", ".redo"):  # hidden alone, they were enabled
+        expect(page.locator(button)).to_be_hidden()
+        expect(page.locator(button)).to_be_disabled()
     page.locator(".plots").focus()
     page.keyboard.press("r")
     page.get_by_label("Time [s]").fill(str(T))

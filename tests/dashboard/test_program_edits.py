@@ -12,9 +12,21 @@ from caesura_clients.dashboard.correction_requests import EditRefused
 from caesura_clients.dashboard.edit_conflicts import EditConflict
 from caesura_clients.dashboard.program_edits import CHECKED, ProgramDesk, parse
 from caesura_clients.dashboard.program_timeline import Timeline
-from caesura_clients.program_editing import reference
+from caesura_clients.program_editing import names_of, outcome_words, reference
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Ack, App, AppChange, Program
+from caesura_protocol.messages import (
+    Ack,
+    App,
+    AppChange,
+    ChangeApp,
+    DeleteApp,
+    InsertApp,
+    MoveApp,
+    Program,
+    ProgramAction,
+    ProgramEdit,
+    Undo,
+)
 from caesura_protocol.programs import document
 from caesura_protocol.programs.app_time_shifts import edited_times
 from caesura_protocol.programs.export_formats import WRITERS
@@ -49,6 +61,35 @@ def test_marks_name_the_author_and_the_taught_value():
         "target by Bo (taught 100, 200, 300 mm)",
         "place in the program by Bo",
     ]
+
+
+def edit(number: int, action: ProgramAction) -> ProgramEdit:
+    return ProgramEdit(number=number, author="Ann", at=0.0, action=action, state="applied")
+
+
+def test_edits_call_apps_by_the_names_that_their_cards_have():
+    first, second, third = press()
+    edits = (
+        edit(1, ChangeApp(app=reference(second), name="press the seal")),
+        edit(2, MoveApp(app=reference(third), after=reference(second))),
+        edit(3, ChangeApp(app=reference(third), name="back")),
+        edit(4, DeleteApp(app=reference(third))),
+        edit(5, InsertApp(after=reference(first), kind="cartesian_motion", name="detour")),
+    )
+    named = second.model_copy(update={"name": "press the seal"})
+    held = program(first, named, edits=edits, edit_revision=5)
+    listed = [words for _, words, *_ in Timeline().of(held)["edits"]]
+    at, then = (f"at {app.t0:.1f} s" for app in (second, third))
+    assert listed == [
+        f"'press the seal' {at}: name set",
+        f"'back' {then} moved after 'press the seal' {at}",
+        f"'back' {then}: name set",
+        f"'back' {then} deleted",
+        f"'detour' inserted after 'move to contact' at {first.t0:.1f} s",
+    ]
+    ack = Ack(session="s1", next_seq=0, state="closed", program_edit=edits[3])
+    words = outcome_words(Undo(), ack, names=names_of(held))
+    assert words == f"undone: 'back' {then} deleted (edit 4 by Ann)"
 
 
 @pytest.mark.parametrize(

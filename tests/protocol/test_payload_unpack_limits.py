@@ -341,6 +341,7 @@ def test_an_acknowledgement_with_the_largest_effect_is_read():
     segment = SegmentOutline(t0=0.1, tn=1e9 / 3, kind="transport", load_kg=0.1, load_sd_kg=0.1)
     app = AppOutline(
         kind="cartesian_motion",
+        name=64 * WIDE,
         t0=0.1,
         tn=1e9 / 3,
         target=vector,

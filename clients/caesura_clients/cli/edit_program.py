@@ -21,7 +21,7 @@ from caesura_clients.cli.edit_action_validation import refused_in_words, validat
 from caesura_clients.cli.options import MOST_TOLERANCE_MM, connected, named, reported
 from caesura_clients.cli.result_tables import PLAIN, clock_lines, program_view
 from caesura_clients.program_editing import edit_program as send_edit
-from caesura_clients.program_editing import in_words, outcome_words, part_between, reference
+from caesura_clients.program_editing import in_words, names_of, outcome_words, part_between, reference
 from caesura_protocol.app_kinds import APP_KINDS, app_name, facts_of
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import AppReference, Program, ProgramAction
@@ -154,15 +154,16 @@ def edit_program(
                     author=author or getpass.getuser(),
                     revision=seen,
                 )
-            typer.echo(f"{station}/{session}: {outcome_words(wanted, ack, clock)}")
+            typer.echo(f"{station}/{session}: {outcome_words(wanted, ack, clock, names_of(program))}")
 
 
 def edits_table(program: Program, clock: SessionClock) -> Table:
     """Return a table of a program's edits, one per row."""
     table = Table("#", "edit", "by", "state", title="edits", **PLAIN)
+    names = names_of(program)
     for edit in program.edits:
         state = edit.state.replace("_", " ") + (f": {edit.reason}" if edit.reason else "")
-        table.add_row(str(edit.number), *map(Text, (in_words(edit.action, clock), edit.author, state)))
+        table.add_row(str(edit.number), *map(Text, (in_words(edit.action, clock, names), edit.author, state)))
     return table
 
 
@@ -267,6 +268,6 @@ def _reference(program: Program, number: str) -> AppReference:
     """Return the reference of the app with this row number. Raises CaesuraError, which lists the apps."""
     index = int(number) - 1 if number.isdecimal() else -1
     if not 0 <= index < len(program.apps):
-        there = ", ".join(app_name(i, app.kind) for i, app in enumerate(program.apps)) or "none"
+        there = ", ".join(app_name(i, app.kind, app.name) for i, app in enumerate(program.apps)) or "none"
         raise CaesuraError(f"there is no app {number!r}; apps of the program: {there}")
     return reference(program.apps[index])

@@ -16,7 +16,14 @@ from pydantic import ValidationError
 from caesura_clients.dashboard.correction_requests import EditRefused, refused, said
 from caesura_clients.dashboard.edit_conflicts import ATTEMPTS, edited_again
 from caesura_clients.dashboard.program_form_values import shown_numbers, shown_texts
-from caesura_clients.program_editing import FIELD_WORDS, in_words, outcome_words, reference
+from caesura_clients.program_editing import (
+    FIELD_WORDS,
+    AppNames,
+    in_words,
+    names_of,
+    outcome_words,
+    reference,
+)
 from caesura_clients.query import snapshot
 from caesura_clients.session_corrections import is_stale, send
 from caesura_protocol.app_kinds import APP_KINDS, AppKind
@@ -76,7 +83,8 @@ class ProgramDesk:
                 ack = send(self._transport, station, command)
         except (ProtocolError, CaesuraError) as error:
             raise refused(error, command, clock) from error
-        words = outcome_words(command.action, ack, clock)
+        names = None if program is None else names_of(program)
+        words = outcome_words(command.action, ack, clock, names)
         return f"{words[0].upper()}{words[1:]}.{shared_name(command.action, program, others)}"
 
     def _edit(self, station: str, command: EditProgram, seen: dict[str, Any], program: Program | None) -> Ack:
@@ -138,7 +146,7 @@ def parse(request: Request) -> EditProgram:
 
 def editing_of(program: Program, clock: SessionClock = NO_OFFSET) -> dict[str, Any]:
     """Return the payload on a program's edits, the availability of undo and redo, and its exports."""
-    states = [edit.state for edit in program.edits]
+    states, names = [edit.state for edit in program.edits], names_of(program)
     return {
         "session": program.session,
         "name": program.name or "",
@@ -146,7 +154,7 @@ def editing_of(program: Program, clock: SessionClock = NO_OFFSET) -> dict[str, A
         "editRevision": program.edit_revision,
         "undoable": any(state != "undone" for state in states),
         "redoable": "undone" in states,
-        "edits": [_edit_row(edit, clock) for edit in program.edits],
+        "edits": [_edit_row(edit, clock, names) for edit in program.edits],
         "kinds": [_kind_row(kind) for kind in APP_KINDS],
         "exports": [
             [WRITERS[name].title, f"/programs/{program.station}/{program.session}/{name}"]
@@ -176,9 +184,9 @@ def _kind_row(kind: AppKind) -> list[Any]:
     return [kind, facts.title, [name for name, is_stated in stated.items() if is_stated]]
 
 
-def _edit_row(edit: ProgramEdit, clock: SessionClock) -> list[Any]:
+def _edit_row(edit: ProgramEdit, clock: SessionClock, names: AppNames) -> list[Any]:
     state, reason = edit.state.replace("_", " "), clock.text(edit.reason or "")
-    return [edit.number, in_words(edit.action, clock), edit.author, state, reason]
+    return [edit.number, in_words(edit.action, clock, names), edit.author, state, reason]
 
 
 def _grippers_of(program: Program) -> list[list[str]]:

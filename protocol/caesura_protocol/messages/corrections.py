@@ -8,6 +8,7 @@ from pydantic import Field
 
 from caesura_protocol.app_kinds import AppKind
 from caesura_protocol.messages.field_types import (
+    AppLabel,
     Author,
     Count,
     EditState,
@@ -143,6 +144,7 @@ class AppOutline(Message):
     """The fields of an app in an effect."""
 
     kind: AppKind
+    name: AppLabel | None = None  # that a person gave it
     t0: Seconds  # [s]
     tn: Seconds  # [s]
     target: Vector | None = None  # [m] base frame

@@ -265,7 +265,7 @@ def examples() -> dict[str, Message]:
         kind="hand_in_wrench",
         since=11.5,
         text="The sensor measures the hand: 8 N along the movement.",
-        advice="Hold the robot behind the sensor, or state wrench source flange_sensor_with_hand.",
+        advice="Hold the arm itself, not the tool.",
     )
     program_edit = ProgramEdit(
         number=2, author="Ann", at=1767225600.25, action=program_actions[0], state="applied"

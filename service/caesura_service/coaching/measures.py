@@ -110,6 +110,7 @@ class ArmMeasures(NamedTuple):
     joint: int = 0  # which is nearest to a limit
     joint_left_rad: float = math.nan  # the least within AHEAD_S
     left_now_rad: float = math.nan  # the least of all joints now
+    joint_now_rad: float = math.nan  # of the joint that is nearest to a limit, now
 
 
 NO_ARM = ArmMeasures()
@@ -293,8 +294,13 @@ def _near_limit(arm: ArmLimits, measured: ArmMeasures, poses: Sequence[ObservedP
     if joints is None:
         return NO_ARM
     joint, left_rad = arm.nearest(joints, *_joint_speeds(poses))
-    left_now_rad = float(np.minimum(joints - arm.lower, arm.upper - joints).min())
-    return measured._replace(joint=joint, joint_left_rad=left_rad, left_now_rad=left_now_rad)
+    now = np.minimum(joints - arm.lower, arm.upper - joints)
+    return measured._replace(
+        joint=joint,
+        joint_left_rad=left_rad,
+        left_now_rad=float(now.min()),
+        joint_now_rad=float(now[joint]),
+    )
 
 
 def _joint_speeds(poses: Sequence[ObservedPose]) -> tuple[Array, Array]:

@@ -60,6 +60,20 @@ def _joint_level(m: Measures, _setup: CoachingSetup) -> float:
     return max(ahead, LOUD) if m.arm.left_now_rad <= JOINT_MARGIN_RAD else ahead
 
 
+def _near_limit(m: Measures) -> str:
+    """Return as text how far the joint is from its limit, and what is left of that as it moves on."""
+    left_rad = (m.arm.joint_now_rad, m.arm.joint_left_rad)
+    now, later = (f"{max(math.degrees(left), 0.0):.0f}°" for left in left_rad)
+    joint = f"Joint {m.arm.joint + 1} is"
+    if now == "0°":
+        return f"{joint} at its limit."
+    if later == "0°":
+        return f"{joint} {now} from its limit, and reaches it within {AHEAD_S:g} s as it moves now."
+    if later == now:
+        return f"{joint} {now} from its limit (margin {math.degrees(JOINT_MARGIN_RAD):.0f}°)."
+    return f"{joint} {now} from its limit, and {later} within {AHEAD_S:g} s as it moves now."
+
+
 def _path_levels(m: Measures, setup: CoachingSetup) -> tuple[float, float]:
     """Return the levels of what the poses miss: of the path and of the turn along it."""
     return m.path_error_m / setup.path_tolerance_m, m.turn_error_rad / setup.path_tolerance_rad
@@ -84,8 +98,9 @@ RULES: tuple[SignalRule, ...] = (
         Trigger("hand_in_wrench", confirm=1),
         _hand_level,
         lambda m, _setup: (
-            f"The sensor measures the hand: {m.driving_n:.0f} N along the movement.",
-            "Hold the robot behind the sensor, or state wrench source flange_sensor_with_hand.",
+            f"The sensor measures the hand: {m.driving_n:.0f} N along the movement. If the hand has to hold the "
+            "tool, start the bridge with --wrench-source flange_sensor_with_hand.",
+            "Hold the arm itself, not the tool.",
         ),
     ),
     SignalRule(
@@ -118,9 +133,8 @@ RULES: tuple[SignalRule, ...] = (
         Trigger("joint_limit", confirm=LIMIT_CONFIRM),
         _joint_level,
         lambda m, _setup: (
-            f"Joint {m.arm.joint + 1} nears its limit: "
-            f"{max(math.degrees(m.arm.joint_left_rad), 0.0):.0f}° will be left within {AHEAD_S:g} s.",
-            f"Move joint {m.arm.joint + 1} back.",
+            _near_limit(m),
+            f"Turn joint {m.arm.joint + 1} back, away from its limit.",
         ),
     ),
     SignalRule(

@@ -20,6 +20,8 @@ from caesura_service.coaching.interpolation_errors import (
     path_error,
     turn_error,
 )
+from caesura_service.coaching.measures import ArmMeasures, Measures
+from caesura_service.coaching.rules import RULES
 from caesura_service.constants import TARED_BIAS_N
 from caesura_service.robot import load_panda
 
@@ -364,6 +366,23 @@ def test_a_joint_is_hinted_at_before_it_reaches_its_limit(panda: ArmLimits):
     assert hint.kind == "joint_limit"
     assert "Joint 7" in hint.text
     assert STEP_S * reached - 1.0 <= hint.since <= STEP_S * reached
+
+
+@pytest.mark.parametrize(
+    ("now_rad", "left_rad", "words"),
+    [
+        (0.2, -0.1, "Joint 4 is 11° from its limit, and reaches it within 0.5 s as it moves now."),
+        (0.2, 0.04, "Joint 4 is 11° from its limit, and 2° within 0.5 s as it moves now."),
+        (0.04, 0.04, "Joint 4 is 2° from its limit (margin 3°)."),
+        (-0.01, -0.1, "Joint 4 is at its limit."),
+    ],
+)
+def test_a_hint_at_a_limit_states_how_close_the_joint_is(now_rad, left_rad, words):
+    """It stated that 0° would be left."""
+    arm = ArmMeasures(joint=3, joint_left_rad=left_rad, left_now_rad=now_rad, joint_now_rad=now_rad)
+    (rule,) = [one for one in RULES if one.trigger.kind == "joint_limit"]
+    setup = CoachingSetup(clean_wrench=True, bias_n=2.3, path_tolerance_m=0.001)
+    assert rule.words(Measures(arm=arm), setup) == (words, "Turn joint 4 back, away from its limit.")
 
 
 def test_a_joint_that_slows_down_before_its_limit_gives_no_hint(panda: ArmLimits):

@@ -146,6 +146,23 @@ def test_what_a_browser_sends_is_checked():
         parse({"session": "s1", "revision": 0, "author": "Ann", "action": {"do": "explode"}})
 
 
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"gripper_width": -0.05}, "the gripper width is -50 mm, expected at least 0 mm"),
+        ({"speed": 9.0}, "the speed is 900 %, expected at most 200 %"),
+    ],
+)
+def test_a_number_beyond_its_limit_is_refused_in_the_unit_of_the_page(values, words):
+    """A width that was typed in mm was refused in metres."""
+    app = {"kind": "grasp", "t0": 0.0, "tn": 1.0}
+    with pytest.raises(EditRefused) as refused:
+        parse(
+            {"session": "s1", "revision": 0, "author": "Ann", "action": {"do": "change", "app": app} | values}
+        )
+    assert str(refused.value) == f"Not done: {words}."
+
+
 def test_a_refusal_of_the_service_is_said_in_words(monkeypatch):
     def refuses(*_: object) -> None:
         raise ProtocolError("conflict", "another operator has edited the program meanwhile", value=0, limit=1)

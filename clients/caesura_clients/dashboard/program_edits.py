@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 from pydantic import ValidationError
 
 from caesura_clients.dashboard.correction_requests import EditRefused, refused, said
-from caesura_clients.dashboard.edit_conflicts import ATTEMPTS, edited_again
-from caesura_clients.dashboard.program_form_values import shown_numbers, shown_texts
+from caesura_clients.dashboard.edit_conflicts import ATTEMPTS, UNITS, edited_again
+from caesura_clients.dashboard.program_form_values import SCALES, shown_numbers, shown_texts
 from caesura_clients.program_editing import (
     FIELD_WORDS,
     AppNames,
@@ -140,8 +140,19 @@ def parse(request: Request) -> EditProgram:
     try:
         return EditProgram.model_validate(dict(request))
     except ValidationError as error:
-        found = first_finding(error, named=lambda place: dotted(place[-1:]))
+        found = _beyond(error) or first_finding(error, named=lambda place: dotted(place[-1:]))
         raise EditRefused(said(found)) from error
+
+
+def _beyond(error: ValidationError) -> str:
+    """Return text on a number beyond its limit, in the unit of the page; empty for any other error."""
+    one = error.errors(include_url=False)[0]
+    field, given = str(one["loc"][-1]) if one["loc"] else "", one["input"]
+    sides = [(_LIMITS[side], limit) for side, limit in one.get("ctx", {}).items() if side in _LIMITS]
+    if field not in SCALES or not sides or not isinstance(given, int | float):
+        return ""
+    (side, limit), (scale, _), unit = sides[0], SCALES[field], UNITS.get(field, "mm")
+    return f"the {FIELD_WORDS[field]} is {scale * given:g} {unit}, expected {side} {scale * limit:g} {unit}"
 
 
 def editing_of(program: Program, clock: SessionClock = NO_OFFSET) -> dict[str, Any]:
@@ -242,6 +253,7 @@ def _change(mark: AppChange) -> str:
     return words
 
 
+_LIMITS: Mapping[str, str] = {"ge": "at least", "gt": "more than", "le": "at most", "lt": "less than"}
 _UNITS: Mapping[str, tuple[float, str]] = {
     "target": (1000.0, "mm"),
     "force_n": (1.0, "N"),

@@ -98,8 +98,8 @@ RULES: tuple[SignalRule, ...] = (
         Trigger("hand_in_wrench", confirm=1),
         _hand_level,
         lambda m, _setup: (
-            f"The sensor measures the hand: {m.driving_n:.0f} N along the movement. If the hand has to hold the "
-            "tool, start the bridge with --wrench-source flange_sensor_with_hand.",
+            f"The sensor measures the hand: {m.driving_n:.0f} N along the movement. If the hand has to hold "
+            "the tool, start the bridge with --wrench-source flange_sensor_with_hand.",
             "Hold the arm itself, not the tool.",
         ),
     ),

@@ -293,7 +293,7 @@ class EditedAppList:
 
     def _check_target(self, target: Vector) -> None:
         if max(map(abs, target)) > MOST_M:
-            raise NotApplicableError(f"its target is more than {MOST_M:g} m away")
+            raise NotApplicableError(f"its target is more than {1000 * MOST_M:.0f} mm away from the base")
 
     def _check_force(self, newtons: float, presses: bool) -> None:
         most = self.force_limit_n

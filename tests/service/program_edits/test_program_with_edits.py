@@ -380,8 +380,8 @@ def test_a_value_beyond_any_robot_is_refused_before_it_is_infinite_or_no_number(
     faint = app("apply_force", 20.0, 22.0, force=(1e-320, 0.0, 0.0))
     press_faintly = InsertApp(after=None, kind="apply_force", force=(1e-320, 0.0, 0.0))
     for actions, why in (
-        ([ChangeApp(app=ref(first), target=FAR)], "more than 100 m away"),
-        ([InsertApp(after=None, kind="cartesian_motion", target=FAR)], "more than 100 m away"),
+        ([ChangeApp(app=ref(first), target=FAR)], "more than 100000 mm away from the base"),
+        ([InsertApp(after=None, kind="cartesian_motion", target=FAR)], "more than 100000 mm away"),
         ([InsertApp(after=None, kind="apply_force", force=STRONG)], "more than any robot exerts"),
         ([press_faintly], "is less than the least of a press"),
         ([ChangeApp(app=ref(faint), force_n=1e300)], "has no direction of force"),

@@ -116,8 +116,9 @@ def _refuse_outside(name: str, app: App, safety: Safety) -> None:
         limits = zip("xyz", place or (), safety.workspace_low, safety.workspace_high, strict=False)
         for axis, value, low, high in limits:
             if not low <= value <= high:
-                limit = f"the workspace is {low} to {high} m; state that of the cell with --cell"
-                raise ValueError(f"{name}: {what} at {axis} {value:g} m, {limit}")
+                limit = f"the workspace is {1000 * low:.0f} to {1000 * high:.0f} mm"
+                remedy = "state that of the cell with --cell"
+                raise ValueError(f"{name}: {what} at {axis} {1000 * value:.0f} mm, {limit}; {remedy}")
 
 
 def _refuse_incomplete(name: str, app: App) -> None:

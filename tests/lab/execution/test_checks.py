@@ -74,7 +74,7 @@ def without(index: int) -> Callable[[Apps], Apps]:
     ("spoil", "said"),
     [
         (lambda a: changed(a, 5, target=(-0.02, -0.7, 0.7)), r"app 6 \(move\): .*out of reach"),
-        (lambda a: changed(a, 5, target=(-0.02, -0.9, 0.3)), r"app 6 .*target y -0.900 m .*workspace, -0.75"),
+        (lambda a: changed(a, 5, target=(-0.02, -0.9, 0.3)), r"app 6 .*target y -900 mm .*workspace, -750"),
         (lambda a: changed(a, 5, joints=(4.0, *[0.0] * 6)), r"app 6 .*joint 1 at 4.000 rad, limits -2.897"),
         (
             lambda a: changed(a, 5, joints=(0.0, 0.6, 0.0, -2.2, 0.0, 2.8, 0.0)),

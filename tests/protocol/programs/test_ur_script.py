@@ -404,7 +404,7 @@ def test_a_screw_ends_where_it_is_tight():
         (on_ur(press(), safety=Safety(force_n=5.0)), "app 2 .apply force.: force 10.0 N, at most 5.0 N"),
         (
             on_ur(press(), safety=Safety(workspace_low=(0.0, -1.0, 0.0))),
-            "target at x -0.02 m, the workspace is 0.0 to 0.75 m; state that of the cell with --cell",
+            "target at x -20 mm, the workspace is 0 to 750 mm; state that of the cell with --cell",
         ),
         (on_ur((circle().model_copy(update={"load_kg": 9.0}),)), "load 9.0 kg, at most 3.0 kg"),
         (on_ur((app("cartesian_motion", 0.0, 1.0, (math.nan, 0.0, 0.3)),)), "app 1 .move.: target.0 is nan"),

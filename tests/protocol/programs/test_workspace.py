@@ -19,7 +19,7 @@ def test_a_target_outside_on_two_axes_is_one_finding() -> None:
     (found,) = workspace_findings(moves(INSIDE, BEYOND, INSIDE), DEFAULT)
     assert (found.severity, found.index) == ("error", 1)
     assert found.reason == (
-        "target y -1.200 m is outside of the workspace, -0.75 to 0.75 m; z -1.300 m, -0.05 to 0.9 m"
+        "target y -1200 mm is outside of the workspace, -750 to 750 mm; z -1300 mm, -50 to 900 mm"
     )
 
 

@@ -30,18 +30,27 @@ def outside_reason(target: Vector | None, safety: Safety) -> str | None:
     """Return the axes on which a target [m] is outside of the workspace, with the limits; None: on none."""
     if target is None:
         return None
+    likely = likely_length_unit(target)
+    stated = _metres if likely else _millimetres  # as in other texts, where nothing is wrong with the unit
     beyond = [
-        (f"{axis} {value:.3f} m", f", {least:g} to {most:g} m")
+        stated(axis, value, least, most)
         for axis, value, (least, most) in zip("xyz", target, _sides(safety), strict=True)
         if not least + EDGE_M <= value <= most - EDGE_M
     ]
     if not beyond:
         return None
-    likely = likely_length_unit(target)
     guess = "" if likely is None else f": it is probably in {likely}"
     (first, limits), *others = beyond
     more = "".join(f"; {place}{its_limits}" for place, its_limits in others)
     return f"target {first} is outside of the workspace{limits}{more}{guess}"
+
+
+def _millimetres(axis: str, value: float, least: float, most: float) -> tuple[str, str]:
+    return f"{axis} {1000 * value:.0f} mm", f", {1000 * least:.0f} to {1000 * most:.0f} mm"
+
+
+def _metres(axis: str, value: float, least: float, most: float) -> tuple[str, str]:
+    return f"{axis} {value:.3f} m", f", {least:g} to {most:g} m"
 
 
 def _sides(safety: Safety) -> Iterator[tuple[float, float]]:

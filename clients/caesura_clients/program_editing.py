@@ -134,19 +134,19 @@ def in_words(action: ProgramAction, clock: SessionClock = NO_OFFSET, names: AppN
     "'grasp' at 1.8 s deleted"
     """
 
-    def at(app: AppReference) -> str:
+    def at(app: AppReference, name: str | None = None) -> str:
         when = f"at {clock.shown(app.t0, 1)} s" if app.added is None else f"of edit {app.added}"
-        return f"'{(names or {}).get(_key(app)) or app_title(app.kind)}' {when}"
+        return f"'{name or (names or {}).get(_key(app)) or app_title(app.kind)}' {when}"
 
     match action:
         case ChangeApp(app=app):
-            words = f"{at(app)}: {', '.join(_changes(action))}"
+            words = f"{at(app, action.name)}: {', '.join(_changes(action))}"
         case MoveApp(app=app, after=after):
-            words = f"{at(app)} moved {_after(after and at(after))}"
+            words = f"{at(app)} moved {_after(at(after) if after else None)}"
         case DeleteApp(app=app) | DuplicateApp(app=app):
             words = f"{at(app)} {action.do}d"
         case InsertApp(after=after, kind=kind, name=name):
-            words = f"'{name or app_title(kind)}' inserted {_after(after and at(after))}"
+            words = f"'{name or app_title(kind)}' inserted {_after(at(after) if after else None)}"
         case ReplacePart(first=first, last=last, session=session):
             part = at(first) if first == last else f"{at(first)} to {at(last)}"
             words = f"{part} replaced by session '{session}'"

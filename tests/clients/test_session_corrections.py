@@ -346,7 +346,7 @@ def test_a_program_is_edited_compared_and_taken_back_from_the_command_line(
     run("program", "--station", "cell-9", "--session", session, "--format", "json", "-o", str(file))
     kinds = [one.kind for one in inferred.apps]
     grasp = str(kinds.index("grasp") + 1)
-    assert "'grasp' at" in edit("change", grasp, "name=pick", "width=31")
+    assert "'pick' at" in edit("change", grasp, "name=pick", "width=31")
     assert edit("duplicate", "1").endswith("duplicated\n")
     shown = caesura.program("cell-9")
     assert [one.kind for one in shown.apps] == [kinds[0], *kinds]

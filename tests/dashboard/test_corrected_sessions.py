@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
 pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
 
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Locator, Page, expect
 
 from caesura_protocol.messages import Remove
 from clients.answering import Answering
@@ -119,6 +119,43 @@ def test_a_time_beyond_the_session_is_refused_and_nothing_is_corrected(stage: St
     expect(refused).to_have_count(0)
     menu.locator(".insert").press("Enter")
     expect(page.locator(".message")).to_contain_text("Changepoint inserted at 1.")
+
+
+def test_a_message_of_two_lines_covers_no_field_and_no_notes(stage: Stage, visitor: Visitor):
+    teach(stage, "cell-words")
+    visitor.is_called("Ann", stage.dashboard.url)
+    page = visitor.page
+    page.goto(f"{stage.dashboard.url}/sessions/cell-words/over")
+    page.locator(".description summary").click()
+    page.locator(".description .delete").click()
+    saved, note = page.locator(".description .saved"), page.locator(".description .name-note")
+    expect(saved).to_contain_text("Deleted: lists leave it out")
+    page.reload()
+    expect(page.locator(".app").first).to_be_visible()
+    page.locator(".description summary").click()
+    expect(saved).to_contain_text("its samples stay until")
+    visitor.picture("covered-description")
+    assert bottom(saved) <= top(note)
+    card = page.locator(".app").first
+    card.locator(".app-edit summary").press("Enter")
+    card.locator(".app-name").fill("down to the seal of the cover of the pump")
+    card.locator(".app-note").fill("slowly")
+    card.locator(".save").press("Enter")
+    said, notes = page.locator(".program-said"), page.locator(".program-notes")
+    expect(said).to_contain_text("of the pump' at 0.9 s: name set, note set.")
+    visitor.picture("covered-program")
+    assert said.evaluate("(one) => one.offsetHeight > 1.5 * parseFloat(getComputedStyle(one).lineHeight)")
+    assert bottom(said) <= top(notes)
+
+
+def top(one: Locator) -> float:
+    box = one.bounding_box()
+    assert box is not None
+    return box["y"]
+
+
+def bottom(one: Locator) -> float:
+    return top(one) + one.evaluate("(one) => one.offsetHeight")
 
 
 def test_a_list_that_shows_itself_folds_with_the_next_session(stage: Stage, visitor: Visitor):

@@ -212,7 +212,9 @@ def test_a_hold_is_inserted_with_its_name_and_target(desk: Desk):
     height.fill(f"{1000 * z + 20:.1f}")
     form.locator(".new-seconds").fill("5")
     form.locator(".insert-app").press("Enter")
-    desk.is_said(f"'hold' inserted after 'move to contact' at {desk.app('move_to_contact').t0:.1f} s.")
+    desk.is_said(
+        f"'wait for the glue' inserted after 'move to contact' at {desk.app('move_to_contact').t0:.1f} s."
+    )
     made = desk.app("hold")
     edit = desk.page.get_by_label(f"Edit app {desk.number('hold') + 1}", exact=True)
     expect(edit, "the new app comes into sight").to_be_focused()

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from caesura_clients.cli.connection_options import Config, Connect
-from caesura_clients.cli.options import connected, reported
+from caesura_clients.cli.options import reported
 from caesura_protocol.errors import CaesuraError
 
 DEFAULT_PORT = 8080
@@ -53,6 +53,7 @@ def dashboard(
     config: Config = None,
 ) -> None:
     """Show stations in a browser, with signals, segments and programs, and correct the results."""
+    from caesura_clients.dashboard.background_connection import BackgroundConnection  # noqa: PLC0415
     from caesura_clients.dashboard.correction_requests import corrector  # noqa: PLC0415
     from caesura_clients.dashboard.demonstration_requests import DemonstrationDesk  # noqa: PLC0415
     from caesura_clients.dashboard.network_follower import NetworkFollower  # noqa: PLC0415
@@ -71,14 +72,13 @@ def dashboard(
             )
         check_free(address)
         with (
-            connected(endpoint, config, patient=True) as caesura,
-            NetworkFollower(caesura.transport) as gateway,
+            BackgroundConnection(endpoint, config) as transport,
+            NetworkFollower(transport, unconnected=transport.why_unconnected) as gateway,
             RecordingDesk(endpoint, bridge_config or config) as recordings,
             Simulator() as simulator,
         ):
             signal.signal(signal.SIGTERM, _interrupt)  # as Ctrl-C: links are closed
             with suppress(KeyboardInterrupt):
-                transport = caesura.transport
                 site = (
                     Site(gateway, None)
                     if read_only

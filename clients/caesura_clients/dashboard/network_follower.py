@@ -17,6 +17,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
+from functools import partial
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
@@ -55,18 +56,20 @@ STATIONS = 256  # that signals are kept of; as many as a service takes
 class NetworkFollower(RepeatingThreads):
     """Follows all sessions and instances while its context lasts.
 
-    transport: is closed by its owner, after this object. clock: monotonic [s]. Leaving the context takes up
-    to refresh_s.
+    transport: is closed by its owner, after this object. unconnected: returns why it has no connection yet,
+    empty once it has one. clock: monotonic [s]. Leaving the context takes up to refresh_s.
     """
 
     def __init__(
         self,
         transport: Transport,
         *,
+        unconnected: Callable[[], str] = str,
         clock: Callable[[], float] = time.monotonic,
         refresh_s: float = REFRESH_S,
     ) -> None:
         self.transport = transport
+        self._unconnected = unconnected
         self.clock = clock
         self.began = clock()
         self._refresh_s = refresh_s
@@ -86,7 +89,16 @@ class NetworkFollower(RepeatingThreads):
             "arrivals": self._follow_arrivals,
             "services": self._ask_services,
         }
-        super().__init__(works, on_error=self._trouble)
+        connected = {name: partial(self._once_connected, work) for name, work in works.items()}
+        super().__init__(connected, on_error=self._trouble)
+
+    def _once_connected(self, work: Callable[[], None]) -> None:
+        while why := self._unconnected():
+            self._trouble("connection", why)
+            if self._over.wait(TICK_S):
+                return
+        self._trouble("connection")
+        work()
 
     def samples(self, station: str, session: str, wanted: SampleRange) -> RecordedSamples:
         """Return the samples of a session in a range: the newest from the ring, others from the journal.

@@ -27,4 +27,8 @@ def build(site: Site) -> None:
 def _shown(site: Site) -> dict[str, Any]:
     gateway = site.gateway
     found = glances(gateway.world, gateway.received, gateway.clock(), gateway.began)
-    return {"stations": [one.drawn() for one in found], "summary": summary(gateway.world, found)}
+    return {
+        "stations": [one.drawn() for one in found],
+        "summary": summary(gateway.world, found),
+        "answers": bool(gateway.world.alive),
+    }

@@ -3,7 +3,7 @@ import { KINDS, percent } from "caesura-dashboard/palette.js";
 
 export default {
   mixins: [live],
-  data: () => ({ stations: null, summary: "" }),
+  data: () => ({ stations: null, summary: "", answers: true }),
   template: `
     <div>
       <p class="summary" role="status">{{ offline ? "The connection to the dashboard is lost: what is shown is old." : summary }}</p>
@@ -28,7 +28,9 @@ export default {
           </dl>
         </li>
       </ul>
-      <p v-if="stations && stations.length === 0" class="empty">No station yet. Connect one with
+      <p v-if="stations && stations.length === 0 && !answers" class="empty">No service answers. Start one with <code>caesura serve</code>: this page
+        shows its stations as soon as it runs.</p>
+      <p v-else-if="stations && stations.length === 0" class="empty">No station yet. Connect one with
         <code>caesura bridge --station cell-1</code>.</p>
     </div>`,
   methods: {
@@ -36,6 +38,7 @@ export default {
     apply(payload) {
       this.stations = payload.stations;
       this.summary = payload.summary;
+      this.answers = payload.answers;
     },
     stateOf(one) {
       return this.offline ? "stale" : one.state;

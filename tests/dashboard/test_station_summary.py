@@ -43,10 +43,11 @@ def station_of(world):
     return station
 
 
-def seen(world, *, received_ago=0.1, received_t=12.0, began=0.0):
+def seen(world, *, received_ago=0.1, received_t=12.0, received_first=0.0, began=0.0):
     station = station_of(world)
     session = world.updates[next(iter(world.updates))].session
-    received = None if received_ago is None else NewestSamples(NOW - received_ago, received_t, session)
+    newest = NewestSamples(NOW - (received_ago or 0.0), received_t, session, received_first)
+    received = None if received_ago is None else newest
     return glance(world, station, received, NOW, began)
 
 
@@ -55,12 +56,16 @@ def changed(world, **status):
     return replace(world, updates={key: replace(update, status=update.status.model_copy(update=status))})
 
 
-def test_samples_with_times_of_day_are_not_behind_before_the_first_result(world, update):
+@pytest.mark.parametrize("first", [500.0, 1764172800.0], ids=["robot", "of day"])
+def test_samples_of_any_clock_are_not_behind_before_the_first_result(world, update, first):
+    """A robot's clock goes on while its bridge is started again: each session began as `Stale`."""
     ((key, _),) = world.updates.items()
     begun = replace(world, updates={key: update(t=0.0)})
-    assert seen(begun, received_t=1764172800.5).why == ""
-    ended = replace(world, updates={key: update(t=1764172800.5)})
-    assert seen(ended, received_t=1764172804.5).why == "results are 4 s behind the samples"
+    assert seen(begun, received_t=first + 0.5, received_first=first).why == ""
+    late = "results are 4 s behind the samples"
+    assert seen(begun, received_t=first + 4.0, received_first=first).why == late
+    ended = replace(world, updates={key: update(t=first + 0.5)})
+    assert seen(ended, received_t=first + 4.5, received_first=first).why == late
 
 
 def test_a_station_that_is_taught_says_what_it_is_doing(world):
@@ -132,6 +137,15 @@ def test_a_bridge_in_standby_that_warns_while_it_teaches_is_shown(world):
     one = seen(replace(world, standby={name: status}))
     assert (one.state, one.why, troubled([one])) == ("teaching", warning, 1)
     assert warning_of(one, world) == warning
+
+
+def test_a_robot_that_is_not_ready_beside_an_ended_session_makes_nothing_old(world):
+    """A bridge that was started again showed `Stale` while it connected to its robot."""
+    ended, name = changed(world, state="closed"), station_of(world)
+    status = BridgeStatus(station=name, bridge="b", state="failed", source="ur", problem="it is locked")
+    one = seen(replace(ended, standby={name: status}))
+    assert (one.state, one.why) == ("failed", "it is locked")
+    assert warning_of(one, ended) == ""
 
 
 def test_nothing_can_have_come_before_the_dashboard_began(world):

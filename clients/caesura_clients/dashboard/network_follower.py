@@ -319,7 +319,9 @@ class NetworkFollower(RepeatingThreads):
         newest, known = float(matrix[-1, 0]), self.received.get(station)
         was_sent_again = known is not None and known.session == batch.session and newest <= known.t
         if not was_sent_again:
-            self.received[station] = NewestSamples(self.clock(), newest, batch.session)
+            is_known = known is not None and known.session == batch.session
+            first = known.first if known is not None and is_known else float(matrix[0, 0])
+            self.received[station] = NewestSamples(self.clock(), newest, batch.session, first)
         self._rings.setdefault(station, SignalRing()).receive(batch.session, batch.columns, batch.seq, matrix)
 
     def _forget_longest_silent(self) -> None:

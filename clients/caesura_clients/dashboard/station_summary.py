@@ -15,7 +15,7 @@ from caesura_clients.session_state_reader import Update
 from caesura_clients.station_name_conflicts import REMEDY, in_words
 from caesura_protocol.messages import BridgeStatus, Program, ServiceStatus
 from caesura_protocol.number_words import counted
-from caesura_protocol.session_time_display import SessionClock, clock_from, clock_of, is_of_day
+from caesura_protocol.session_time_display import SessionClock, clock_from, clock_of
 
 STALE_S = 2.0
 BEGINS_S = 60.0  # a session of its own clock has its first segment by then; `begin` of session_view.js
@@ -112,6 +112,9 @@ class NewestSamples:
     at: float  # [s] monotonic
     t: float  # [s] session time
     session: str
+    first: float = (
+        0.0  # [s] session time of the first one that was received; a robot's clock may begin anywhere
+    )
 
 
 @dataclass(frozen=True)
@@ -220,11 +223,10 @@ def stale(
 
 
 def _behind_s(update: Update, received: NewestSamples | None) -> float:
-    """Return the delay [s] of results behind the samples; for times of day, 0 before the first result."""
+    """Return the delay [s] of results behind the samples; before the first one, behind the first sample."""
     if received is None or received.session != update.session:
         return 0.0
-    has_begun = is_of_day(reached(update)) or not is_of_day(received.t)
-    return received.t - reached(update) if has_begun else 0.0
+    return received.t - max(reached(update), received.first)
 
 
 def unwritten(world: DashboardState, instance: str) -> str:
@@ -276,6 +278,8 @@ def warning_of(seen: StationSummary, world: DashboardState) -> str:
     """Return the warning above the page of a station; empty if there is none."""
     if seen.state == "teaching":
         return seen.why
+    if seen.state == "failed":  # nothing is old; beside Start the page states what the robot lacks
+        return world.trouble
     return f"Stale: {seen.why}. What is shown is old." if seen.why else world.trouble
 
 

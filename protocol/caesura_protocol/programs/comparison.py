@@ -27,7 +27,10 @@ TIE = 1e-9  # costs that differ by less are equal: they are sums in different or
 
 
 class LeastDifferences(NamedTuple):
-    """Least differences that count: by unit, and as a share of the larger value."""
+    """Least differences that count: by unit, and as a share of the larger value.
+
+    opening_m: of the gripper's fingers, without the share: what they hold has the same width each time.
+    """
 
     metres: float
     radians: float
@@ -36,11 +39,14 @@ class LeastDifferences(NamedTuple):
     kilograms: float
     factor: float
     path_m: float
+    opening_m: float
     share: float = 0.0
 
 
-ROUNDING = LeastDifferences(1e-4, math.radians(0.1), 0.05, 0.005, 0.005, 0.005, 1e-3)
-REPETITION = LeastDifferences(0.005, math.radians(5.0), 1.0, 0.3, 0.05, 0.05, 0.01, share=0.15)  # of one task
+ROUNDING = LeastDifferences(1e-4, math.radians(0.1), 0.05, 0.005, 0.005, 0.005, 1e-3, 1e-4)
+REPETITION = LeastDifferences(
+    0.005, math.radians(5.0), 1.0, 0.3, 0.05, 0.05, 0.01, 0.002, share=0.15
+)  # of one task
 
 
 class FieldDifference(NamedTuple):
@@ -188,7 +194,8 @@ def _of_texts(one: App, other: App) -> Iterator[FieldDifference]:
 def _of_numbers(one: App, other: App, least: LeastDifferences) -> Iterator[FieldDifference]:
     for what, value, field, unit, scale in _NUMBERS:
         mine, others = value(one), value(other)
-        if _differ(mine, others, getattr(least, field), least.share):
+        share = 0.0 if field == "opening_m" else least.share
+        if _differ(mine, others, getattr(least, field), share):
             yield FieldDifference(what, _number(mine, unit, scale), _number(others, unit, scale))
 
 
@@ -233,7 +240,7 @@ _NUMBERS: Sequence[_Number] = (
     ("force", _size, "newtons", "N", 1.0),
     ("duration", lambda app: app.tn - app.t0, "seconds", "s", 1.0),
     ("speed", lambda app: app.speed or 1.0, "factor", "%", 100.0),
-    ("gripper width", lambda app: app.gripper_width, "metres", "mm", 1000.0),
+    ("gripper width", lambda app: app.gripper_width, "opening_m", "mm", 1000.0),
     ("load", lambda app: app.load_kg, "kilograms", "kg", 1.0),
     ("path", lambda app: None if app.path is None else app.path.length_m, "path_m", "mm", 1000.0),
     ("tolerance", lambda app: None if app.path is None else app.path.tolerance_m, "metres", "mm", 1000.0),

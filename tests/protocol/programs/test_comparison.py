@@ -37,6 +37,13 @@ def test_differences_are_named_with_their_values():
     )
 
 
+@pytest.mark.parametrize(("width_m", "words"), [(0.050, ("gripper width 45 mm and 50 mm",)), (0.046, ())])
+def test_gripper_widths_of_one_task_repeat_to_the_millimetre(width_m, words):
+    """They were alike within 15 %, as forces are."""
+    (one,) = compared([move(gripper_width=0.045)], [move(gripper_width=width_m)], REPETITION, " and ")
+    assert one.words == words
+
+
 def test_names_of_positions_are_compared():
     (one,) = compared([move(target_name="above the tray")], [move()], REPETITION, " and ")
     assert one.words == ("position name 'above the tray' and none",)

@@ -127,7 +127,11 @@ def test_findings_stand_at_their_app_once_the_program_is_complete():
     without_grasp = [one for one in pick_and_place() if one.kind != "grasp"]
     shown = Timeline().of(program(*without_grasp))
     reasons = [[reason for _, reason in card["findings"]] for card in shown["apps"]]
-    assert "carries, but nothing was grasped: an app 'grasp' must come before it" in reasons[1][0]
+    carries = without_grasp[1].model_copy(update={"name": "to the tray"})
+    nothing = "carries, but nothing was grasped: an app 'grasp' must come before it"
+    assert reasons[1][0].startswith(f"app 2 (transport): {nothing}"), "it stands below the values of the card"
+    named = Timeline().of(program(without_grasp[0], carries, *without_grasp[2:]))
+    assert named["apps"][1]["findings"][0][1].startswith(f"app 2 (to the tray): {nothing}")
     taught = Timeline().of(program(*without_grasp, complete=False))
     assert not any(card["findings"] for card in taught["apps"])
 

@@ -26,7 +26,7 @@ from caesura_clients.program_editing import (
 )
 from caesura_clients.query import snapshot
 from caesura_clients.session_corrections import is_stale, send
-from caesura_protocol.app_kinds import APP_KINDS, AppKind
+from caesura_protocol.app_kinds import APP_KINDS, AppKind, app_name
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import (
     Ack,
@@ -290,6 +290,11 @@ def checked(program: Program, clock: SessionClock = NO_OFFSET) -> CheckedProgram
     of_program: list[list[str]] = []
     of_apps: dict[int, list[list[str]]] = {}
     for one in findings_beside_notes(made):
-        into = of_program if one.index is None else of_apps.setdefault(one.index, [])
-        into.append([one.severity, clock.text(one.reason)])
+        reason = clock.text(one.reason)
+        if one.index is None:
+            of_program.append([one.severity, reason])
+        else:
+            app = made.apps[one.index]
+            named = f"{app_name(one.index, app.kind, app.name)}: {reason}"
+            of_apps.setdefault(one.index, []).append([one.severity, named])
     return CheckedProgram(made.apps, of_program, of_apps)

@@ -94,19 +94,22 @@ def relabel_doubt(action: Action | Since, effect: EditEffect) -> str:
     if not isinstance(action, Relabel):
         return ""
     there = [one for one in effect.segments_after if one.t0 <= action.t <= one.tn]
-    return transport_doubt(there[-1]) if there else ""
+    apps = [one for one in effect.apps_after if one.t0 <= action.t <= one.tn and one.load_kg is not None]
+    return transport_doubt(there[-1], apps[-1] if apps else None) if there else ""
 
 
-def transport_doubt(segment: Segment | SegmentOutline) -> str:
+def transport_doubt(segment: Segment | SegmentOutline, app: AppOutline | None = None) -> str:
     """Return why a transport may carry nothing: its load may be 0. Empty for other kinds.
 
-    Also empty if the load is certainly not 0, and if it is unknown.
+    Also empty if the load is certainly not 0, and if it is unknown. app: that the segment is in. Its load is
+    the mean of all its segments, and the page states it.
     """
-    load_kg, sd_kg = segment.load_kg, segment.load_sd_kg or 0.0
+    weighed = segment if app is None else app
+    load_kg, sd_kg = weighed.load_kg, weighed.load_sd_kg or 0.0
     if segment.kind != "transport" or load_kg is None or abs(load_kg) > SURE * sd_kg:
         return ""
-    grams = f"{fixed(round(1000 * load_kg) + 0.0, 0)} ± {fixed(1000 * sd_kg, 0)} g"
-    return f"Its load is {grams}: is something carried there?"
+    load = f"{fixed(round(load_kg, 2) + 0.0, 2)} ± {fixed(sd_kg, 2)} kg"
+    return f"Its load is {load}: is something carried there?"
 
 
 def changepoint_meant(action: Remove | Move, effect: EditEffect) -> float:

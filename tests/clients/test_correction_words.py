@@ -13,6 +13,7 @@ from caesura_clients.correction_words import (
     described,
     effect_words,
     in_words,
+    relabel_doubt,
     transport_doubt,
 )
 from caesura_protocol.messages import (
@@ -58,18 +59,18 @@ def test_every_correction_has_words(action: Action, words: str):
 @pytest.mark.parametrize(
     ("kind", "load_kg", "load_sd_kg", "words"),
     [
-        ("transport", 0.0, 0.012, "Its load is 0 ± 12 g: is something carried there?"),
+        ("transport", 0.0, 0.012, "Its load is 0.00 ± 0.01 kg: is something carried there?"),
         (
             "transport",
             -0.0002,
             0.012,
-            "Its load is 0 ± 12 g: is something carried there?",
+            "Its load is 0.00 ± 0.01 kg: is something carried there?",
         ),
         (
             "transport",
             0.023,
             0.012,
-            "Its load is 23 ± 12 g: is something carried there?",
+            "Its load is 0.02 ± 0.01 kg: is something carried there?",
         ),
         ("transport", 0.025, 0.012, ""),
         ("transport", None, None, ""),
@@ -80,6 +81,21 @@ def test_a_transport_without_a_load_is_doubted(kind, load_kg, load_sd_kg, words)
     (segment,) = snapshot(1, "motion").segments.segments[:1]
     made = segment.model_copy(update={"kind": kind, "load_kg": load_kg, "load_sd_kg": load_sd_kg})
     assert transport_doubt(made) == words
+
+
+def test_a_doubt_states_the_load_of_the_app_as_the_page_does():
+    """Of a relabelled segment it was 0±118 g, and of its app 0.14±0.06 kg."""
+    part = SegmentOutline(t0=2.0, tn=3.0, kind="transport", load_kg=0.0, load_sd_kg=0.118)
+    carries = app("transport", load_kg=0.14, load_sd_kg=0.06)
+    assert relabel_doubt(Relabel(t=2.5, kind="transport"), effect(segments_after=(part,))) == (
+        "Its load is 0.00 ± 0.12 kg: is something carried there?"
+    )
+    both = effect(segments_after=(part,), apps_after=(carries,))
+    assert relabel_doubt(Relabel(t=2.5, kind="transport"), both) == ""
+    unsure = both.model_copy(update={"apps_after": (app("transport", load_kg=0.04, load_sd_kg=0.06),)})
+    assert relabel_doubt(Relabel(t=2.5, kind="transport"), unsure) == (
+        "Its load is 0.04 ± 0.06 kg: is something carried there?"
+    )
 
 
 def test_times_are_those_of_the_clock_that_people_read():

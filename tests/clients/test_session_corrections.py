@@ -227,7 +227,7 @@ def test_the_command_line_warns_of_a_transport_without_a_load_as_the_page_does(
     assert previewed.stderr == said.stderr
     empty = caesura.snapshot("cell-18").segments.segments[1]
     assert said.stderr == f"warning: {transport_doubt(empty)}\n"
-    assert said.stderr.endswith(" g: is something carried there?\n")
+    assert said.stderr.endswith(" kg: is something carried there?\n")
     sure = typed(endpoint, "cell-18", session, "relabel", f"{carried.t0 + 0.05}", "transport")
     assert (sure.exit_code, sure.stderr) == (0, "")
 

@@ -53,7 +53,7 @@ def test_every_tool_asks_for_what_it_says(request_, words):
         asked.append((station, edit.revision, edit.author, edit.action.do))
         return Ack(session="s1", next_seq=0, state="open")
 
-    assert correct(ask, "cell-1", {**ASKED, **request_}) == words
+    assert correct(ask, "cell-1", {**ASKED, **request_}).words == words
     assert asked == [("cell-1", 3, "Ann", request_["do"])]
 
 
@@ -65,7 +65,7 @@ def test_of_a_session_with_times_of_day_words_have_its_clock_and_the_service_tha
         return Ack(session="s1", next_seq=0, state="open")
 
     move = {**ASKED, "do": "move", "t": DAY.start_s + 3.2, "to": DAY.start_s + 4.0}
-    assert correct(ask, "cell-1", move, DAY) == "Changepoint moved from 3.20 s to 4.00 s."
+    assert correct(ask, "cell-1", move, DAY).words == "Changepoint moved from 3.20 s to 4.00 s."
     assert asked == [(DAY.start_s + 3.2, DAY.start_s + 4.0)]
 
 
@@ -200,7 +200,7 @@ def test_an_answer_states_what_was_undone_and_where_a_changepoint_lies(request_,
         assert edit.with_effect
         return Ack(session="s1", next_seq=0, state="open", correction=correction, effect=effect)
 
-    assert correct(ask, "cell-1", {**ASKED, **request_}) == words
+    assert correct(ask, "cell-1", {**ASKED, **request_}).words == words
 
 
 def outline(t0, tn, kind):

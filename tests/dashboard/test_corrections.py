@@ -134,7 +134,7 @@ def test_a_segment_gets_another_kind_and_an_app_a_limit(operator: Operator):
     operator.touch_for_long(T)
     menu.get_by_role("button", name="transport").click()
     operator.is_shown(" s is transport. Its load is ")
-    operator.is_shown(" g: is something carried there? Undo takes it back.")
+    operator.is_shown(" kg: is something carried there? Undo takes it back.")
 
     page.mouse.click(*operator.place(2.6), button="right")
     menu.get_by_label("Force at most").fill("4")

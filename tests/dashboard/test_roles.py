@@ -52,5 +52,5 @@ def test_a_reader_sees_and_an_operator_corrects(network, monkeypatch):
 
         with pytest.raises(EditRefused, match="or it is forbidden"):
             correct(corrector(wall), "cell-1", INSERT)
-        assert correct(corrector(boss), "cell-1", INSERT) == "Changepoint inserted at 1.35 s."
+        assert correct(corrector(boss), "cell-1", INSERT).words == "Changepoint inserted at 1.35 s."
         eventually(lambda: gateway.world.update("cell-1").program.author == "Ann")

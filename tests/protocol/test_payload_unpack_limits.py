@@ -347,6 +347,7 @@ def test_an_acknowledgement_with_the_largest_effect_is_read():
         target=vector,
         force=vector,
         load_kg=0.1,
+        load_sd_kg=0.1,
         gripper_width=0.1,
     )
     phase = PhaseOutline(t0=0.1, tn=1e9 / 3, kind="transport", name=64 * WIDE)

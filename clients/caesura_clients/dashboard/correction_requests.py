@@ -6,7 +6,7 @@ Requests of a browser are not trusted: each is validated as an `Edit`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 from pydantic import Field, TypeAdapter, ValidationError
 
@@ -38,6 +38,13 @@ _ACTION: TypeAdapter[Action] = TypeAdapter(Action)
 _ASKED: TypeAdapter[Action | Since] = TypeAdapter(Annotated[Action | Since, Field(discriminator="do")])
 
 
+class Corrected(NamedTuple):
+    """A sentence on an applied correction, and why it may make no sense; empty without a doubt."""
+
+    words: str
+    doubt: str = ""
+
+
 class EditRefused(Exception):  # noqa: N818 - the service refused; nothing failed here
     """A correction was not made; the text states why, for an operator.
 
@@ -54,8 +61,8 @@ def corrector(transport: Transport) -> Corrector:
     return lambda station, edit: send(transport, station, edit)
 
 
-def correct(ask: Corrector, station: str, request: Request, clock: SessionClock = NO_OFFSET) -> str:
-    """Apply the correction that a browser requests; return a sentence on it. Raises EditRefused.
+def correct(ask: Corrector, station: str, request: Request, clock: SessionClock = NO_OFFSET) -> Corrected:
+    """Apply the correction that a browser requests; return what was done. Raises EditRefused.
 
     clock: of the session, for the sentence.
     """
@@ -64,7 +71,8 @@ def correct(ask: Corrector, station: str, request: Request, clock: SessionClock 
         ack = ask(station, edit.model_copy(update={"with_effect": True}))
     except (ProtocolError, CaesuraError) as error:
         raise refused(error, edit, clock) from error
-    return done(edit, ack, clock)
+    doubt = "" if ack.effect is None else relabel_doubt(edit.action, ack.effect)
+    return Corrected(done(edit, ack, clock), doubt)
 
 
 def refused(

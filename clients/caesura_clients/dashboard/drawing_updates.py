@@ -1,12 +1,11 @@
 """Makes the payloads that update a session's drawing: rows that the browser does not have yet.
 
 Rows have plain values. A segment is [t0, tn, kind, probability, final, corrected, runner-up, start, load,
-deviation, doubt]. Its start is [px, py, pz] [m]; load and deviation are [kg] or None; doubt is why a
-transport may be none. A phase is [t0, tn, kind, probability, final, strokes, name]. A changepoint is [t,
-probability, final, t_low, t_high, corrected]. A column of run lengths is [t, [[length, probability], …]]. A
-correction is [number, words, time of day, state, reason]. Times are on the clock of the samples; `start` is
-the time that is displayed as 0. Signals are not in the payload: a page requests those that it shows
-(`signal_ring.py`).
+deviation]. Its start is [px, py, pz] [m]; load and deviation are [kg] or None. A phase is [t0, tn, kind,
+probability, final, strokes, name]. A changepoint is [t, probability, final, t_low, t_high, corrected]. A
+column of run lengths is [t, [[length, probability], …]]. A correction is [number, words, time of day, state,
+reason]. Times are on the clock of the samples; `start` is the time that is displayed as 0. Signals are not in
+the payload: a page requests those that it shows (`signal_ring.py`).
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from caesura_clients.correction_words import described, transport_doubt
+from caesura_clients.correction_words import described
 from caesura_clients.dashboard.station_summary import reached, session_clock
 from caesura_clients.session_state_reader import Update
 from caesura_protocol.messages import Changepoint, Correction, Phase, Posterior, Segment
@@ -104,7 +103,6 @@ def segment_row(one: Segment) -> Cells:
         [round(value, 4) for value in one.position_start],
         one.load_kg,
         one.load_sd_kg,
-        transport_doubt(one),
     ]
 
 

@@ -290,9 +290,12 @@ class SessionView(LiveElement, component="web/session_view.js"):
             changed["corrections"] = correction_rows(update.program.corrections, clock)
         return changed
 
-    def answered(self, message: str, *, failed: bool, revision: int | None = None) -> None:
-        """Show the outcome of a correction. revision: of the session, to which a refusal applies."""
-        self.run_method("answered", message, failed, revision)
+    def answered(self, message: str, *, failed: bool, revision: int | None = None, doubt: str = "") -> None:
+        """Show the outcome of a correction.
+
+        revision: of the session, to which a refusal applies. doubt: why the correction may make no sense.
+        """
+        self.run_method("answered", message, failed, revision, doubt)
 
     def previewed(self, found: dict[str, Any]) -> None:
         """Show the effect that a correction would have (`correction_requests.preview`)."""

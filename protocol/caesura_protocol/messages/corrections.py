@@ -150,6 +150,7 @@ class AppOutline(Message):
     target: Vector | None = None  # [m] base frame
     force: Vector | None = None  # [N] what the robot exerts
     load_kg: float | None = None
+    load_sd_kg: float | None = None  # a row differs by its load alone
     gripper_width: float | None = None  # [m]
 
 

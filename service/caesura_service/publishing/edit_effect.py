@@ -20,7 +20,7 @@ from caesura_service.segmentation.encoded_log import AT_ONCE, M, alike
 
 Row = TypeVar("Row", bound=Message)
 
-_LOAD = ("load_kg", "load_sd_kg")
+_LOAD, _SPREAD = ("load_kg", "load_sd_kg"), ("load_sd_kg",)
 
 
 class _Difference(NamedTuple, Generic[Row]):
@@ -35,7 +35,7 @@ class _Difference(NamedTuple, Generic[Row]):
 def effect_of(before: SessionState, after: SessionState) -> EditEffect:
     """Return the differences between two states of a session; gives way to other work meanwhile."""
     segments = _difference(before.view.segments, after.view.segments, SegmentOutline, apart=_LOAD)
-    apps = _difference(program_of(before).apps, program_of(after).apps, AppOutline)
+    apps = _difference(program_of(before).apps, program_of(after).apps, AppOutline, apart=_SPREAD)
     phases = _difference(before.view.phases, after.view.phases, PhaseOutline)
     return EditEffect(
         first_segment=segments.first,

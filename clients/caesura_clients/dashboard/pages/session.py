@@ -255,11 +255,12 @@ class SessionPage:
         if self._corrector is None or not isinstance(event.args, dict):
             return
         try:
-            said = await run.io_bound(correct, self._corrector, self._station, event.args, self._clock)
+            done = await run.io_bound(correct, self._corrector, self._station, event.args, self._clock)
         except EditRefused as refused:
             self._view.answered(str(refused), failed=True, revision=refused.revision)
         else:
-            self._view.answered(said or "", failed=False)
+            words, doubt = done or ("", "")  # none: the dashboard is ending
+            self._view.answered(words, failed=False, doubt=doubt)
 
     async def _preview(self, event: GenericEventArguments) -> None:
         """Query the effect of a correction, without blocking other pages."""

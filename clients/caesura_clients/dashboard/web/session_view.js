@@ -68,7 +68,7 @@ export default {
       ...empty(),
       span: 30, end: null, cursor: null, selected: null, ghost: null, marked: null, columns: null, playing: false, listed: false,
       author: localStorage.getItem(AUTHOR) || "", draft: "", asked: null, busy: false, message: "", failed: false, refusedAt: null,
-      menu: null, canTake: false, pointedInBand: null, relabelled: null, inList: false,
+      menu: null, canTake: false, pointedInBand: null, doubt: "", inList: false,
       kinds: KINDS, opens: POINTING.opens, chosen: chosen(), trouble: "",
     };
   },
@@ -160,11 +160,6 @@ export default {
     newestFirst() {
       return this.segments.slice(-LISTED).reverse();
     },
-    doubt() { // a transport without a load
-      const t = this.relabelled;
-      const one = t === null ? undefined : this.segments.find(([t0, tn]) => t0 <= t && t <= tn);
-      return one && one[10] ? `${one[10]} Undo takes it back.` : "";
-    },
   },
   methods: {
     percent,
@@ -202,7 +197,7 @@ export default {
       this.forgetActs();
       this.received = noRows();
       const { available } = this; // the panels of the session before stand until the samples of this one are there
-      Object.assign(this, empty(), { available, menu: null, asked: null, relabelled: null, selected: null, cursor: null, ghost: null, end: null, span: 30,
+      Object.assign(this, empty(), { available, menu: null, asked: null, doubt: "", selected: null, cursor: null, ghost: null, end: null, span: 30,
         busy: false, columns: this.columns && [], origin: null, fitted: false });
     },
     fit() { // a session that is over when it is first shown is shown as a whole
@@ -221,9 +216,9 @@ export default {
     forgetWhatIsGone() {
       if (this.selected !== null && !this.changepoints.some(([t]) => t === this.selected)) this.selected = null;
     },
-    answered(message, failed, revision = null) { // revision: of the session, to which a refusal applies
+    answered(message, failed, revision = null, doubt = "") { // revision: of the session, to which a refusal applies; doubt: as of a transport without a load
       requests.forget();
-      this.refusedAt = revision;
+      Object.assign(this, { refusedAt: revision, doubt: doubt && `${doubt} Undo takes it back.` });
       Object.assign(this, { message: failed ? message : this.wordsOf(message), failed, busy: false });
       if (failed) this.made = 0;
       else if (this.act) this.acted();
@@ -352,7 +347,7 @@ export default {
       this.preview(null);
       changes();
       this.act = { number: action.do === "take_back" ? action.number : null, ...how, seen: this.revision };
-      Object.assign(this, { busy: true, message: "Correcting …", failed: false, refusedAt: null, relabelled: action.do === "relabel" ? action.t : null,
+      Object.assign(this, { busy: true, message: "Correcting …", failed: false, refusedAt: null, doubt: "",
         inList: action.do === "take_back" && !how.redoes });
       requests.keep({ station: this.station, session: this.session });
       this.$emit("edit", { ...action, session: this.session, revision: this.revision, author: this.author.trim() });

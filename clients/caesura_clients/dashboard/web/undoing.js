@@ -47,7 +47,7 @@ export const undoing = {
     },
     stateWhyNot(message) { // of the last act nothing stays on the page: it would be the answer to this key
       if (!this.editable || this.session === "" || this.busy) return;
-      Object.assign(this, { message, failed: false, refusedAt: null, relabelled: null, inList: false });
+      Object.assign(this, { message, failed: false, refusedAt: null, doubt: "", inList: false });
     },
     acted() { // the service has made it: one revision more than was seen
       const { undoes, redoes, number, seen } = this.act, at = seen + 1;

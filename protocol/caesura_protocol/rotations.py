@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from caesura_protocol.up_direction import UP
 
 Array = NDArray[np.float64]
+LOCKED = 1e-6  # cosine of a pitch at which x and z are one axis
 
 
 def matrix_of(quaternion: Sequence[float] | Array) -> Array:
@@ -70,6 +71,21 @@ def quaternions_of_roll_pitch_yaw(turns: Array) -> Array:
             ]
         )
     )
+
+
+def roll_pitch_yaw(quaternion: Sequence[float] | Array) -> tuple[float, float, float]:
+    """Return the turns [rad] about x, then y, then z of the base frame, of a quaternion (4,).
+
+    At a pitch of a quarter turn x and z are one axis: then the turn about z is 0.
+
+    >>> [round(math.degrees(turn)) for turn in roll_pitch_yaw((1.0, 0.0, 0.0, 0.0))]
+    [180, 0, 0]
+    """
+    m = matrix_of(quaternion)
+    pitch = math.asin(min(1.0, max(-1.0, -float(m[2, 0]))))
+    if math.hypot(m[0, 0], m[1, 0]) < LOCKED:
+        return math.atan2(-m[1, 2], m[1, 1]), pitch, 0.0
+    return math.atan2(m[2, 1], m[2, 2]), pitch, math.atan2(m[1, 0], m[0, 0])
 
 
 def _joined(quaternions: Array) -> Array:

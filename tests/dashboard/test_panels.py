@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -111,6 +112,11 @@ def test_panels_that_are_switched_on_draw_what_was_sent_and_read_it(stage: Stage
     assert box is not None
     page.mouse.move(x, box["y"] + box["height"] / 2)
     near = np.abs(sent.t - T) < 0.03
+    turns = panel_of(page, "orientation").locator(".turns").inner_text()
+    about_x, about_y, about_z = map(float, re.findall(r"-?\d+\.\d", turns))
+    turned = np.degrees(2.0 * np.arctan2(sent.signals["quat"][near, 0], sent.signals["quat"][near, 3]))
+    assert np.min(np.abs(turned - about_x)) <= 0.06, "in degrees, beside the quaternion"
+    assert (about_y, about_z) == (0.0, 0.0)
     for name, (signal, lines, digits) in PANELS.items():
         values = [float(words) for words in panel_of(page, name).locator("output").all_inner_texts()]
         scale = 1000.0 if name == "gripper" else 1.0

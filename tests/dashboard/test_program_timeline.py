@@ -26,6 +26,7 @@ def test_every_kind_of_app_has_a_title():
 def test_what_an_app_does_not_have_is_not_shown():
     bare = app(
         target=None,
+        orientation=None,
         force=None,
         force_taught=None,
         load_kg=None,
@@ -45,6 +46,7 @@ def test_targets_forces_speeds_and_loads_have_their_units():
     )  # fmt: skip
     assert lines(one) == {
         "target": "(300, -100, 250) mm",
+        "orientation": "x 180°, y 0°, z 0°",
         "force": "(0.0, 0.0, -9.0) N, limited to 9.0 N of 12.0 N taught",
         "path": "375 mm, turns 115°, 1 via point, within 1.0 mm",
         "speed": "50 % of the taught one",

@@ -13,6 +13,7 @@ from caesura_protocol.rotations import (
     quaternion_rates,
     quaternions_of_roll_pitch_yaw,
     quaternions_of_vectors,
+    roll_pitch_yaw,
 )
 
 
@@ -33,6 +34,17 @@ def test_the_rates_of_quaternions_and_angular_velocities_are_each_others_inverse
     rates = quaternion_rates(quaternions, turning)
     assert_allclose((after - quaternions) / step, rates, atol=1e-5)
     assert_allclose(angular_velocities(3.0 * quaternions, 3.0 * rates), turning, atol=1e-12)
+
+
+def test_roll_pitch_and_yaw_are_those_of_scipy_and_turn_back_to_the_quaternion() -> None:
+    rng = np.random.default_rng(5)
+    for rotation in Rotation.random(50, rng=rng):
+        quaternion = -2.0 * rotation.as_quat()
+        assert_allclose(roll_pitch_yaw(quaternion), rotation.as_euler("xyz"), atol=1e-9)
+    for pitch in (0.5 * np.pi, -0.5 * np.pi):
+        upright = quaternions_of_roll_pitch_yaw(np.array([[0.4, pitch, 0.3]]))
+        found = quaternions_of_roll_pitch_yaw(np.array([roll_pitch_yaw(upright[0])]))
+        assert_allclose(matrices_of(found), matrices_of(upright), atol=1e-6)
 
 
 def test_quaternions_of_angles_are_those_of_scipy() -> None:

@@ -11,11 +11,12 @@ from caesura_clients.dashboard.program_edits import app_editing, checked, editin
 from caesura_clients.dashboard.program_path import program_path, target_before
 from caesura_protocol.app_force_limit import is_limited, is_path_limited, path_force_in_words, rests_in_words
 from caesura_protocol.app_kinds import APP_KINDS
-from caesura_protocol.messages import App, Program, Vector
+from caesura_protocol.messages import App, Program, Quaternion, Vector
 from caesura_protocol.number_words import counted, fixed
 from caesura_protocol.programs.app_time_shifts import speed_in_words
 from caesura_protocol.programs.path_drawing import path_svg
 from caesura_protocol.reproduced_path import NAMED_TURN_RAD, turn_of
+from caesura_protocol.rotations import roll_pitch_yaw
 from caesura_protocol.screw_torque_and_text import screw_in_words
 from caesura_protocol.session_time_display import NO_OFFSET, SessionClock
 
@@ -140,6 +141,7 @@ def _lines(app: App) -> list[tuple[str, str]]:
     return [
         ("target", "" if app.target is None else vector(scaled(app.target, 1000.0), "mm", 0)),
         ("position", app.target_name or ""),
+        ("orientation", "" if app.orientation is None else orientation(app.orientation)),
         ("path", path(app)),
         ("speed", speed_in_words(app)),
         ("turn", "" if app.screw is None else screw_in_words(app.screw)),
@@ -165,6 +167,17 @@ def vector(values: Vector | None, unit: str, digits: int) -> str:
     if values is None:
         return ""
     return f"({', '.join(f'{round(v, digits) + 0.0:.{digits}f}' for v in values)}) {unit}"
+
+
+def orientation(quaternion: Quaternion) -> str:
+    """Return an orientation as text: the turns about the base's x, then y, then z.
+
+    >>> orientation((1.0, 0.0, 0.0, 0.0))
+    'x 180°, y 0°, z 0°'
+    """
+    degrees = (round(math.degrees(turn)) for turn in roll_pitch_yaw(quaternion))
+    turns = zip("xyz", (180 if turn == -180 else turn for turn in degrees), strict=True)
+    return ", ".join(f"{axis} {turn}°" for axis, turn in turns)
 
 
 def path(app: App) -> str:

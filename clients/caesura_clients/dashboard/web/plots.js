@@ -4,7 +4,7 @@ import { fontOf, Painter } from "caesura-dashboard/canvas.js";
 import { roundTicks } from "caesura-dashboard/clock.js";
 import { behind, before, missing } from "caesura-dashboard/marks.js";
 import { fixed } from "caesura-dashboard/numbers.js";
-import { aligned, nameOf, nearest } from "caesura-dashboard/signals.js";
+import { aligned, nameOf, nearest, turnsOf } from "caesura-dashboard/signals.js";
 
 export const LEFT = 64, RIGHT = 12; // beside the plots
 // [px] of a line; and of one with a point in every second pixel, whose strokes would cover each other. Without a
@@ -48,9 +48,11 @@ export class Plots {
     const words = title.appendChild(document.createElement("strong"));
     words.textContent = `${panel.title}${panel.unit ? ` [${panel.unit}]` : ""}`;
     const values = panel.columns.map((column, i) => this.value(title, panel, column, i));
+    const turns = panel.turns ? title.appendChild(document.createElement("span")) : null;
+    if (turns) turns.className = "turns";
     this.host.appendChild(box);
     const plot = new uPlot(this.options(panel, isLast), EMPTY, box);
-    const held = { plot, box, panel, values, isFilled: false };
+    const held = { plot, box, panel, values, turns, isFilled: false };
     return Object.assign(held, { painter: new Painter(box, () => this.paint(held)) });
   }
   value(title, panel, column, i) {
@@ -133,10 +135,11 @@ export class Plots {
     const chosen = cursor !== null && cursor >= from && cursor <= to ? cursor : null; // of what is out of view nothing is known
     if (held) this.say(held, u.cursor.left >= 0 ? u.posToVal(u.cursor.left, "x") : chosen);
   }
-  say({ panel, values }, t) {
+  say({ panel, values, turns }, t) {
     const { data, segments, changepoints } = this.state;
     const off = this.state.off(panel);
     const [from, to] = this.state.view();
+    const read = [];
     panel.columns.forEach((column, i) => {
       let words = "";
       if (t !== null && panel.name === "load") {
@@ -148,9 +151,13 @@ export class Plots {
       } else if (t !== null) {
         const reach = Math.max(2 * (data ? data.bin_s : 0), (to - from) / 400);
         const found = data && nearest(data.points[column], t, data.holes, reach);
+        if (found) read.push(found[1]);
         words = found ? fixed(written(panel, found[1] - (off[i] || 0)), panel.digits) : "missing";
       }
       values[i].textContent = words;
     });
+    if (!turns) return;
+    const isWhole = read.length === panel.columns.length && read.some((value) => value !== 0);
+    turns.textContent = isWhole ? `turned about ${turnsOf(read).map((turn, i) => `${"xyz"[i]} ${fixed(turn, 1)}°`).join(", ")}` : "";
   }
 }

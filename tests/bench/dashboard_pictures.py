@@ -55,6 +55,7 @@ def named(stage: Stage, page: Page, to: Path) -> None:
         )
         desk.get_by_role("button", name="Stop").click()
         expect(desk).to_contain_text("Ready")
+        form.locator("summary").click()
         form.locator(".yes").click()
         form.locator(".name-tags").fill("left, slow")
         form.locator(".name-note").fill("calm hand")

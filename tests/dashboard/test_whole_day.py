@@ -144,6 +144,7 @@ def describe(stage: Stage, visitor: Visitor, session: str) -> None:
     """State what was taught, and take the last statement back."""
     tagged = NAMED.model_copy(update={"tags": ("left", "slow")})
     form = visitor.page.locator(".description")
+    form.locator("summary").click()
     assert form.locator(".name-task").evaluate(ROOM_PX) >= 0, "the task is cut"
     for size in (DESK, TABLET, UPRIGHT, PHONE):
         visitor.page.set_viewport_size(size)

@@ -13,7 +13,7 @@ import { unsaved } from "caesura-dashboard/unsaved.js";
 const requests = unanswered("description");
 const UNANSWERED = "Not saved: this page was left or loaded again before that.";
 const NARROW = matchMedia("(max-width: 40rem)");
-const AUTHOR = "caesura-author";
+const AUTHOR = "caesura-author", OPEN = "caesura-description"; // of the page of a station, as it was left
 const empty = () => ({ task: null, operator: null, note: null, tags: [], success: null, deleted: false });
 const asTags = (text) => [...new Set(text.split(",").map((one) => one.trim()).filter(Boolean))];
 const asLine = (text) => text.trim() || null;
@@ -34,7 +34,7 @@ export default {
     last: null, refused: null, asked: [], message: "", failed: false, open: false,
   }),
   template: `
-    <details v-if="session" class="description" :open="open" @toggle="open = $event.target.open">
+    <details v-if="session" class="description" :open="open" @toggle="toggled($event.target.open)">
       <summary><strong>{{ title }}</strong> {{ stated }}</summary>
       <div v-if="editable" class="fields">
         <label class="is-task">Task <input class="name-task" v-model="draft.task" maxlength="120" list="known-tasks" placeholder="unnamed"
@@ -74,11 +74,15 @@ export default {
     },
   },
   methods: {
+    toggled(open) {
+      if (this.live && open !== this.open) localStorage.setItem(OPEN, open ? "yes" : "no");
+      this.open = open;
+    },
     apply(payload) {
       const isOther = payload.session !== this.session;
       if (isOther) this.leave();
-      // Opened at a start or an end it would move the plots. On a phone it is folded: the first plot is in the first screen.
-      if (this.live && !this.session && payload.session) this.open = !NARROW.matches;
+      // Opened at a start or an end it would move the plots. It is folded until it is opened, so that they begin high.
+      if (this.live && !this.session && payload.session) this.open = localStorage.getItem(OPEN) === "yes" && !NARROW.matches;
       Object.assign(this, { session: payload.session, opened: payload.opened, closed: payload.closed, tasks: payload.tasks, stored: payload.description });
       if (isOther) for (const name of FIELDS) this.fill(name, payload.description);
       if (!this.isAsking()) this.learn(payload.description);

@@ -7,8 +7,8 @@ const legend = `
   </ul>`;
 
 const correcting = `
-  <div v-if="!linked" class="at-time">
-    <p class="selection" role="status">{{ selection }}</p>
+  <div v-if="!linked" class="at-time" :class="{ quiet: !trouble && !doubt && (inList || !message) }">
+    <p class="selection" role="status" :title="selection">{{ selection }}</p>
     <template v-if="editable">
       <button v-if="cursor !== null" class="correct" :title="'What can be corrected at this time (R, or ' + opens + ')'" @click="openMenu()">Correct …</button>
       <button class="undo repeats" :class="{ absent: !canUndo }" :disabled="!canUndo" :title="undoTitle" v-on="pointing(undoAction)" @click="undo">Undo</button>

@@ -10,6 +10,7 @@ const WORDS = { ready: "Ready", starting: "Starting …", teaching: "Teaching", 
 const PAST = { start: ["stopping", "failed"], stop: ["ready", "failed"] };
 const presses = unanswered("press");
 const SETTLED = ["ready", "teaching", "failed"]; // states in which it is seen what became of it
+const WIDE = matchMedia("(min-width: 48rem)"); // the reason has a whole row
 const newId = () => `press-${Date.now().toString(36)}-${Math.random().toString(36).slice(2, 10)}`;
 
 export default {
@@ -17,7 +18,7 @@ export default {
   components: { Staying },
   emits: ["ask"],
   data: () => ({
-    station: "", state: "", session: "", canStart: false, canStop: false, seen: "", said: "", why: "", outcome: "", tasks: [], t: 0, offers: false,
+    station: "", state: "", session: "", canStart: false, canStop: false, seen: "", said: "", why: "", outcome: "", tasks: [], t: 0, offers: false, wide: WIDE.matches,
     task: "", operator: localStorage.getItem(OPERATOR) || "", typed: false, message: "", failed: false,
     pressed: "", unanswered: [], refusedIn: "", // the last press, those without an answer, and the session of the refusal
     held: null, // the session on which a pointer has pressed Stop, until it is released
@@ -25,7 +26,7 @@ export default {
   template: `
     <section class="desk" :class="'desk-' + shown" aria-label="Start and stop">
       <div class="desk-words"><p class="desk-state" role="status">{{ words }}</p>
-        <staying id="desk-why" class="desk-why" :class="{ failed }" :lines="offers ? 2 : 0">{{ reason }}</staying></div>
+        <staying id="desk-why" class="desk-why" :class="{ failed }" :lines="offers ? (wide ? 1 : 2) : 0">{{ reason }}</staying></div>
       <form v-if="offers" @submit.prevent="start">
         <label class="wide">{{ canStop ? "Next task" : "Task" }} <input class="task" v-model="task" @input="typed = true" maxlength="120" list="desk-tasks"
           placeholder="optional" autocomplete="off"></label>
@@ -36,6 +37,12 @@ export default {
           @keydown.space.prevent="stop(session)" @keyup.space.prevent aria-describedby="desk-why">Stop</button>
       </form>
     </section>`,
+  mounted() {
+    WIDE.addEventListener("change", this.measure);
+  },
+  unmounted() {
+    WIDE.removeEventListener("change", this.measure);
+  },
   computed: {
     words() {
       const word = this.shown === "stale" ? "Stale" : WORDS[this.state] || this.said.charAt(0).toUpperCase() + this.said.slice(1);
@@ -56,6 +63,9 @@ export default {
     },
   },
   methods: {
+    measure() {
+      this.wide = WIDE.matches;
+    },
     apply(payload) {
       if (this.isPast(payload)) Object.assign(this, { message: "", failed: false });
       for (const name of ["station", "state", "session", "canStart", "canStop", "why", "outcome", "tasks", "t", "seen", "said"]) {

@@ -45,6 +45,12 @@ def test_a_station_and_the_history_state_the_same_length(update):
     assert live.split(" · ")[1] == line_of_past(closed, world).split(" · ")[1] == "12.7 s"
 
 
+def test_a_long_session_is_stated_in_minutes_too(update):
+    known = update()
+    hour = replace(known, status=known.status.model_copy(update={"state": "closed", "t": 3599.9}))
+    assert line_of_past(hour, WORLD).split(" · ")[1] == "3599.9 s (60 min)"
+
+
 def test_a_session_that_its_bridge_has_left_open_is_not_said_to_be_taught(update):
     """The page and the list had `being taught` and `going on` for as long as the service ran."""
     left, later = update(session="left", opened=100.0), update(session="later", opened=200.0)

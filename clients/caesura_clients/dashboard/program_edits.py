@@ -284,7 +284,7 @@ def checked(program: Program, clock: SessionClock = NO_OFFSET) -> CheckedProgram
         return CheckedProgram(program.apps, [], {})
     if len(program.apps) > CHECKED:
         times = edited_times(program.apps, (), program.edits)
-        reason = f"not checked here, because it has more than {CHECKED} apps: caesura check"
+        reason = f"not checked here, because it has more than {CHECKED} apps: run 'caesura check'"
         return CheckedProgram(program.apps if times is None else times.apps, [["warning", reason]], {})
     made = document(program)
     of_program: list[list[str]] = []

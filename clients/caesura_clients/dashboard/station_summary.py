@@ -18,6 +18,7 @@ from caesura_protocol.number_words import counted
 from caesura_protocol.session_time_display import SessionClock, clock_from, clock_of
 
 STALE_S = 2.0
+IN_MINUTES_S = 120.0  # a length from which on seconds alone are hard to grasp
 BEGINS_S = 60.0  # a session of its own clock has its first segment by then; `begin` of session_view.js
 State = Literal["teaching", "stale", "done", "ready", "standby", "failed", "gone"]
 SAID: Mapping[State, str] = {
@@ -259,8 +260,10 @@ def lasted(update: Update) -> float:
 
 
 def length_words(update: Update) -> str:
-    """Return the session's length as text, the same on every page, list and card."""
-    return f"{lasted(update):.1f} s"
+    """Return the session's length as text; a long one also in minutes."""
+    seconds = lasted(update)
+    minutes = f" ({seconds / 60:.0f} min)" if seconds >= IN_MINUTES_S else ""
+    return f"{seconds:.1f} s{minutes}"
 
 
 def gaps(update: Update | None) -> int:

@@ -30,7 +30,7 @@ from caesura_protocol.messages import App, ScrewMotion, ViaPoint
 from caesura_protocol.programs.app_time_shifts import goes_on, rest_newtons, rests_of
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.ways_between_apps import ASTRAY_M
-from caesura_protocol.reproduced_path import Curve
+from caesura_protocol.reproduced_path import TOLERANCE_M, Curve
 from caesura_protocol.rotations import cross, matrix_of, quaternion_of, turning_of
 from caesura_protocol.screw_torque_and_text import stop_torque_nm
 from caesura_service.constants import GRAVITY
@@ -99,21 +99,26 @@ class SkillController:
     def pause(self, seconds: float, following: App | None) -> None:
         """Hold between two apps; the times in which a contact comes to rest and is released are part of it.
 
-        If the hand crept to the start of the next path in a rest, so does the setpoint. On a new contact the
+        If the hand crept to the start of the next path in a rest, so does the setpoint. In a contact that the
+        next app leaves, it slides there with a light force, as a hand does that lets go. On a new contact the
         force of the next press rises before that press.
         """
-        path = None if following is None else following.path
-        if self.contact_direction is None and path is not None and seconds > 0.0:
-            way = math.dist(path.start.position, self.setpoint.position)
-            if way <= ASTRAY_M and way <= MOST_CREEP_M_PER_S * seconds:
-                creep = self._way_to(path.start, seconds)
-                for k in range(1, round(seconds / DT) + 1):
-                    self.tick(self._setpoint_at(creep, k * DT))
-                return
+        begins = None if following is None or following.path is None else following.path.start
+        way_m = 0.0 if begins is None else math.dist(begins.position, self.setpoint.position)
+        in_air = self.contact_direction is None and seconds > 0.0
+        if in_air and begins is not None and way_m <= min(ASTRAY_M, MOST_CREEP_M_PER_S * seconds):
+            creep = self._way_to(begins, seconds)
+            for k in range(1, round(seconds / DT) + 1):
+                self.tick(self._setpoint_at(creep, k * DT))
+            return
         leaves = self.contact_direction is not None and _leaves_contact(following)
         rises = following is not None and following.force is not None and self._settled_s > 0.0
         force_n = rest_newtons(following)[0] if following is not None and rises else None
-        self.hold_position(max(seconds - self._settled_s - RELEASE_S * leaves, 0.0), force_n)
+        left_s = max(seconds - self._settled_s - RELEASE_S * leaves, 0.0)
+        if leaves and TOLERANCE_M < way_m <= self.safety.contact_speed_m_per_s * left_s:
+            self.rest_until(begins, min(self._pressed_n, MEET_N), left_s)
+            return
+        self.hold_position(left_s, force_n)
 
     def send_fingers(self, width_m: float, app: App) -> None:
         """Come to rest, move the fingers to a width [m] or onto an object, and wait until the arm settles.

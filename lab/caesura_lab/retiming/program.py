@@ -45,7 +45,6 @@ from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.planned_apps import STANDOFF_M
 from caesura_protocol.programs.program_speed import retimed
 from caesura_protocol.programs.safety import Safety
-from caesura_protocol.programs.ways_between_apps import ASTRAY_M
 from caesura_protocol.reproduced_path import Curve, curve_of, unit
 from caesura_protocol.rotations import angular_velocities, matrix_of
 from caesura_service.robot import ReachError, Robot, load_robot
@@ -76,7 +75,7 @@ SMOOTHED_LESS = 0.5  # likewise, where that leaves them too little
 SMOOTHNESS = -10.0, 1.0  # decimal logarithms of the least and the largest weight of a smoothing [m³]
 HALVINGS = 8  # rounds in which the largest weight is found that is near enough
 LOOKS, FIXED = 2, 1e6  # at a path between two knots; weight of its ends
-CREPT_M = 0.5 * ASTRAY_M  # the executor goes onto a path whose start is up to `ASTRAY_M` away
+CREPT_M = 0.003  # the executor begins a path so far beside its start; an arm is off its setpoint by 2 mm more
 TOO_FAST = "the hand was faster than the limits allow, of the robot or towards a contact"
 TICKS_PER_S = 1000.0  # a movement takes whole ticks of the robot's controller
 
@@ -134,13 +133,13 @@ def _is_at_contact(app: ProgramStep, before: App | None, following: App | None) 
 def _crept_s(apps: tuple[ProgramStep, ...], index: int) -> float:
     """Return the time [s] in which the executor creeps to the begin of an app's path; 0 within `CREPT_M`.
 
-    At most the taught pause. Also 0 where it does not creep: without a path, after an app that does not
-    travel, in too short a pause.
+    At most the taught pause. Also 0 where it does not creep: without a path, before an app that keeps the
+    contact, in too short a pause.
     """
-    path, before = apps[index].path, apps[index - 1]
-    if path is None or before.target is None or not APP_KINDS[before.kind].travels:
+    app, before = apps[index], apps[index - 1]
+    if app.path is None or before.target is None or not APP_KINDS[app.kind].has_target:
         return 0.0
-    crept_m, pause_s = math.dist(path.start.position, before.target), apps[index].t0 - before.tn
+    crept_m, pause_s = math.dist(app.path.start.position, before.target), app.t0 - before.tn
     seconds = math.ceil(TICKS_PER_S * crept_m / CREEP_M_PER_S) / TICKS_PER_S + 1.0 / TICKS_PER_S
     creeps = CREPT_M < crept_m <= MOST_CREEP_M_PER_S * pause_s
     return min(seconds, pause_s) if creeps else 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 
@@ -15,7 +16,7 @@ from caesura_lab.execution.cell_simulation import CellSimulation
 from caesura_lab.execution.executor import RunResult, SimulatedCell, execute, run
 from caesura_lab.execution.safety_monitor import RobotStopped, SafetyMonitor
 from caesura_lab.execution.simulated_arm import SimulatedArm
-from caesura_lab.execution.skills import SkillController
+from caesura_lab.execution.skills import RELEASE_S, SkillController
 from caesura_lab.teacher.guided_arm import start_posture
 from caesura_lab.teacher.person import THESIS
 from caesura_lab.teacher.scenarios import HOLE_FLOOR_M, HOLE_PLACE, SCENARIOS, Surface, tips
@@ -367,6 +368,25 @@ def test_what_a_hand_crept_in_a_rest_is_crept_before_the_next_path(robot: Robot)
     assert controller.setpoint.position != pytest.approx(crept, abs=1e-3)
     controller.pause(0.6, following)
     assert controller.setpoint.position == pytest.approx(crept, abs=1e-6)
+
+
+@pytest.mark.parametrize("pause_s", [0.5, 1.0])
+def test_what_a_hand_dragged_before_it_lifted_is_dragged_to_where_the_carry_begins(
+    pause_s: float, robot: Robot
+) -> None:
+    """The object stuck to the table where it was grasped, and the carry began 6 mm off its path."""
+    touch, grasp, lift, *rest = pick_and_place()
+    dragged, t0 = (-0.008, -0.673, 0.108), grasp.tn + pause_s
+    assert lift.target is not None
+    path = path_from(dragged, t0, lift.tn, math.dist(dragged, lift.target))
+    lift = lift.model_copy(update={"t0": t0, "path": path})
+    done = executed((touch, grasp, lift, *rest), PICKING)
+    assert done.stopped is None
+    assert reached(done, dragged, robot) < 2e-3
+    begun, ended = done.spans[1][1], done.spans[2][0]
+    assert ended - begun == pytest.approx(pause_s - RELEASE_S, abs=2e-3)
+    normal = done.trace.contact[round(1000 * begun) : round(1000 * ended), 2]
+    assert normal.min() > 0.0
 
 
 def test_a_stroke_has_its_force_and_a_pause_on_it_lasts_as_long_as_it_was_taught(robot: Robot) -> None:

@@ -24,7 +24,7 @@ from caesura_protocol.reproduced_path import curve_of
 from caesura_service.robot import Robot, load_panda, load_robot
 from harness.joint_motion import followed, joints_followed, shares
 from harness.once import once_a_version
-from harness.programs import as_file, move, press
+from harness.programs import as_file, move, pick_and_place, press
 from harness.segmentations import segmented
 from lab.teacher.nominal import nominal_once
 
@@ -402,18 +402,31 @@ def test_pauses_are_removed_unless_marked(
 
 @pytest.mark.parametrize(
     ("crept_m", "taught_s", "pause_s"),
-    [(0.004, 2.0, 0.0), (0.006, 2.0, 1.2), (0.008, 1.0, 1.0), (0.008, 0.7, 0.0)],
+    [(0.0025, 2.0, 0.0), (0.004, 2.0, 0.8), (0.008, 1.0, 1.0), (0.008, 0.7, 0.0)],
 )
-def test_what_a_hand_crept_in_a_pause_is_crept_from_5_mm_on(
+def test_what_a_hand_crept_in_a_pause_is_crept_from_3_mm_on(
     crept_m: float, taught_s: float, pause_s: float, robot: Robot
 ) -> None:
-    """At 5 mm/s, or in the taught pause if the hand crept faster; above 10 mm/s it did not creep."""
+    """At 5 mm/s, or in the taught pause if the hand crept faster; above 10 mm/s it did not creep.
+
+    With the error of the arm itself, the next path began 5.1 mm off after a creep of 4.9 mm.
+    """
     first = move(1.0, (0.4, 0.0, 0.4), (0.4, 0.1, 0.4))
     second = move(first.tn + taught_s, (0.4, 0.1 + crept_m, 0.4), (0.5, 0.1, 0.4))
     fast = optimal(as_file((first, second)), robot=robot)
     assert fast.timing is not None
     assert fast.timing.retimed == (0, 1)
     assert fast.apps[1].t0 - fast.apps[0].tn == pytest.approx(pause_s, abs=3e-3)
+
+
+def test_what_a_hand_dragged_after_a_grasp_keeps_its_time(robot: Robot) -> None:
+    """The executor drags it in the pause: without one the carry began beside its path."""
+    _, grasp, carry, *_ = pick_and_place()
+    assert carry.target is not None
+    lift = move(4.0, (-0.01, -0.673, 0.107), carry.target, load_kg=0.25, load_sd_kg=0.01)
+    lift = lift.model_copy(update={"kind": "transport"})
+    fast = optimal(as_file((grasp, lift)), robot=robot)
+    assert fast.apps[1].t0 - fast.apps[0].tn == pytest.approx(0.5, abs=3e-3)
 
 
 def test_a_load_derates_the_acceleration(

@@ -194,22 +194,35 @@ def resting(step: ProgramSegment, context: Context) -> ProgramSegment:
     return replace(step, segment=segment.model_copy(update=still))
 
 
-def is_not_yet_held(last: ProgramSegment | None, step: ProgramSegment, context: Context) -> bool:
+def is_not_yet_held(
+    last: ProgramSegment | None, step: ProgramSegment, ahead: ProgramSegment | None, context: Context
+) -> bool:
     """Whether a step seems to hold a load that still stands where it was grasped.
 
-    It was grasped in the contact before it, or less than `STANDS_S` before its end. A hold of `STANDS_S` or
-    longer is one on purpose. last: the contact, or else the step kept, before it; None without one.
+    It was grasped in the contact before it, or less than `STANDS_S` before its end. It leads nowhere, or most
+    of the load that is carried next does not hang on the robot yet. A hold of `STANDS_S` or longer is one on
+    purpose. last: the contact, or else the step kept, before it; ahead: the step after it; None without one.
     """
     if not _is_hold(step) or step.lasts(STANDS_S):
         return False
     grasped = max((grip.t for grip in context.grips if grip.t <= step.segment.t0), default=-math.inf)
     if last is not None and last.touches:
+        if _is_lifted_next(step, ahead):
+            return True
         place = last.segment.position_end
     elif step.segment.tn - grasped < STANDS_S:
         place = context.moment_at(grasped).position
     else:
         return False
     return math.dist(step.segment.position_end, place) < OUT_M
+
+
+def _is_lifted_next(step: ProgramSegment, ahead: ProgramSegment | None) -> bool:
+    """Return whether less than `KEPT_SHARE` of the load that is carried next hangs on the robot in a step."""
+    if ahead is None or ahead.segment.contact != "transport" or ahead.segment.motion != "motion":
+        return False
+    held_kg, carried_kg = step.segment.load_kg, ahead.segment.load_kg
+    return held_kg is not None and carried_kg is not None and held_kg < KEPT_SHARE * carried_kg
 
 
 def as_one_hold(kept: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:

@@ -144,7 +144,7 @@ def _read(
             step = still_touching(contact, last, step, context)
         else:
             step = set_down(last, step, place.ahead, context)
-    return [] if is_not_yet_held(contact or last, step, context) else [step]
+    return [] if is_not_yet_held(contact or last, step, place.ahead, context) else [step]
 
 
 def _contact_before(place: _Place, last: ProgramSegment | None, context: Context) -> ProgramSegment | None:

@@ -30,7 +30,7 @@ from caesura_protocol.messages import App, Gap, RestForce, Vector
 from caesura_protocol.programs.checks.fidelity import SWAYED_M
 from caesura_protocol.up_direction import UP
 from caesura_service.program.app_group import AppEnd, AppGroup, group_key, pose_fields
-from caesura_service.program.carried_loads import has_other_load, is_weighed_well
+from caesura_service.program.carried_loads import has_other_load, weighed_steps
 from caesura_service.program.end_velocities import with_end_velocities
 from caesura_service.program.gaps import observed_share
 from caesura_service.program.held_forces import (
@@ -336,7 +336,7 @@ def _carries(group: AppGroup) -> Iterable[App]:
     """Yield one app per step of a carry, all with its average load, or with that until the load changed."""
     sets_down = _meets(group)
     for steps in _with_one_load(group.steps):
-        weighed = _weighed(steps)
+        weighed = weighed_steps(steps)
         load: dict[str, object] = {}
         if weighed:
             load = {
@@ -354,12 +354,6 @@ def _carries(group: AppGroup) -> Iterable[App]:
 def _taught(step: ProgramSegment) -> dict[str, object]:
     """Return the field `force_taught` of an app that does not exert the force of a step."""
     return {"force_taught": _forces(step.force, None)["force_taught"]}
-
-
-def _weighed(steps: Sequence[ProgramSegment]) -> list[ProgramSegment]:
-    """Return the steps with a load; of these, those that are weighed well, if there are any."""
-    well = [step for step in steps if is_weighed_well(step)]
-    return well or [step for step in steps if step.segment.load_kg is not None]
 
 
 def _with_one_load(steps: Sequence[ProgramSegment]) -> list[list[ProgramSegment]]:

@@ -250,6 +250,12 @@ def is_weighed_well(step: ProgramSegment) -> bool:
     return step.segment.load_kg is not None and step.lasts(WEIGHED_S)
 
 
+def weighed_steps(steps: Sequence[ProgramSegment]) -> list[ProgramSegment]:
+    """Return the steps with a load; of these, those that are weighed well, if there are any."""
+    well = [step for step in steps if is_weighed_well(step)]
+    return well or [step for step in steps if step.segment.load_kg is not None]
+
+
 def has_other_load(step: ProgramSegment, before: Sequence[ProgramSegment]) -> bool:
     """Return whether the load of a step is another one than the average of steps before it.
 

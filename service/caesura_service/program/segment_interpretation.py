@@ -51,6 +51,7 @@ from caesura_service.program.program_segment import (
 from caesura_service.program.resisted_movements import with_resisted_movements
 from caesura_service.program.sensor_bias import with_bases
 from caesura_service.program.spring_pulls import pulled
+from caesura_service.program.supported_loads import with_supported_loads
 
 Stage = Callable[[Sequence[ProgramSegment], Context], list[ProgramSegment]]
 
@@ -98,6 +99,7 @@ def kept_steps(
     stages: tuple[Stage, ...] = (
         as_one_hold,
         with_bases,
+        with_supported_loads,
         partial(_with_short_movements, short=short),
         with_whole_movements,
         with_last_ways,

@@ -101,7 +101,7 @@ class App(Message):
     changes: Annotated[Listed[AppChange], Field(max_length=11)] = ()  # what people set, a field once
     target_name: AppLabel | None = None  # what people call its target
     off_straight_m: Amount | None = None  # of a press without a path: off the way to its target
-    weaker_n: Amount | None = None  # [N] of a press: another force, held or not exceeded for 1 s in all
+    weaker_n: Amount | None = None  # [N] of a press: another force, held or not exceeded for a part of it
     aslant: Vector | None = None  # [N] of a press: what the robot would exert for 0.5 s in another direction
     moved_m_per_s: Amount | None = None  # of fingers that acted in motion: speed of the flange then
     turned_rad_per_s: Amount | None = None  # likewise: its rate of turn

@@ -38,9 +38,12 @@ from caesura_service.program.held_forces import (
     force_aslant,
     forces_felt,
     impact,
+    other_force_n,
+    slackened_force,
     stronger_force,
     weaker_force,
 )
+from caesura_service.program.held_levels import divided_at_levels
 from caesura_service.program.joined_strokes import (
     INSERTED_M,
     NOWHERE_M,
@@ -199,7 +202,7 @@ def _contacts(group: AppGroup) -> Iterable[App]:
         begun = touch.t
         yield group.moving("move_to_contact", first, touch, {"tn": begun})
     if not mine and length(hardest.force) >= LEAST_CONTACT_N:
-        yield _press(group, begun)
+        yield from _presses(group, begun)
 
 
 def _shares(grips: Sequence[GripperAction], t0: float, tn: float) -> Sequence[tuple[float, float]]:
@@ -227,6 +230,13 @@ def _meets(group: AppGroup) -> bool:
     )
 
 
+def _presses(group: AppGroup, begun: float) -> Iterator[App]:
+    """Yield a press from `begun` [s] on, or one for each level of force that was held."""
+    levels = divided_at_levels(group.steps, _hardest(group.steps).base, begun, group.moment_at)
+    for steps in levels:
+        yield _press(replace(group, steps=steps), max(begun, steps[0].segment.t0))
+
+
 def _press(group: AppGroup, begun: float) -> App:
     """Return a press from `begun` [s] on, with the force of the hardest step.
 
@@ -237,7 +247,9 @@ def _press(group: AppGroup, begun: float) -> App:
     changes, end = _forces(hardest.force, group.force_limit_n), group.pressed(hardest)
     times = [t for step in group.steps for t in observed(step.segment.t0, step.segment.tn) if t >= begun]
     felt = forces_felt(hardest.base, times, group.moment_at)
-    changes["weaker_n"] = weaker_force(felt, hardest.force, len(times))
+    apart_n = other_force_n(length(hardest.force))
+    weaker_n = weaker_force(felt, hardest.force, len(times), apart_n)
+    changes["weaker_n"] = slackened_force(felt, hardest.force) if weaker_n is None else weaker_n
     changes["stronger_n"] = stronger_force(felt, length(hardest.force))
     changes["impact_n"] = impact(felt, length(hardest.force))
     turns = False

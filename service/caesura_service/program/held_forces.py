@@ -4,21 +4,41 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import overload
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Vector
+from caesura_protocol.programs.checks.fidelity import UNEVEN_SHARE
 from caesura_service.program.program_segment import PUSHES_BACK_N, UNLIKE_N, MomentAt, length
 
 HELD_LOOKS = 10  # observations in a row, one second, from which on a weaker force was held on purpose
 ASIDE_LOOKS = 5  # likewise of one in another direction, half a second: a touch has that of its press
 VARIED_LOOKS = 20  # observations, two seconds in all, from which on a weaker force is no touch or release
+SLACK_LOOKS = 3  # observations in all, the shortest segment, for which a press slackens between two others
 MOST_LOOKS = 1200  # observations of a press at which its forces are compared: two minutes, or evenly spread
 LEAN_COSINE = math.cos(math.radians(30.0))  # between two forces, up to which they press in two directions
 
 Array = NDArray[np.float64]
+
+
+def decimation(looks: int) -> int:
+    """Return of how many observations one is looked at, so that `MOST_LOOKS` are enough; at least 1."""
+    return max(-(-looks // MOST_LOOKS), 1)
+
+
+@overload
+def other_force_n(newton: float) -> float: ...
+@overload
+def other_force_n(newton: Array) -> Array: ...
+def other_force_n(newton: float | Array) -> float | Array:
+    """Return by how much [N] another force differs from one of `newton` [N] in the same press.
+
+    A sensor makes up less than `PUSHES_BACK_N` meanwhile, and a robot keeps a force within `UNEVEN_SHARE`.
+    """
+    return np.maximum(PUSHES_BACK_N, UNEVEN_SHARE * newton)
 
 
 def forces_felt(base: Vector, times: Sequence[float], moment_at: MomentAt) -> Array:
@@ -27,29 +47,46 @@ def forces_felt(base: Vector, times: Sequence[float], moment_at: MomentAt) -> Ar
     base: the force [N] before the contact. times: of observations, none in a gap: there the nearest one would
     count again and again.
     """
-    forces = (moment_at(t).force for t in times[:: -(-len(times) // MOST_LOOKS)])
+    forces = (moment_at(t).force for t in times[:: decimation(len(times))])
     return np.array([one for one in forces if one is not None]).reshape(-1, 3) - base
 
 
-def weaker_force(felt: Array, force: Vector, looks: int) -> float | None:
+def weaker_force(felt: Array, force: Vector, looks: int, least_apart_n: float = UNLIKE_N) -> float | None:
     """Return the size [N] of a force that was pressed with, where it is another one than `force`.
 
     It is the least that was held: `HELD_LOOKS` observations in a row, without the largest and the least,
     differ by less than a touch. Of a force that varied it is the median of those below `force`, if they last
     longer than a touch and a release. None without either. felt: (n, 3) [N]; looks: observations of the
-    press, of which n are felt.
+    press, of which n are felt; least_apart_n: by which another force is weaker.
     """
     newtons = np.linalg.norm(felt, axis=1)
     if newtons.size < HELD_LOOKS:
         return None
     windows = np.sort(sliding_window_view(newtons, HELD_LOOKS), axis=1)
     steady = (windows[:, -2] - windows[:, 1] <= PUSHES_BACK_N) & (windows[:, 1] >= PUSHES_BACK_N)
-    least, most_n = windows[steady, HELD_LOOKS // 2].min(initial=np.inf), length(force) - UNLIKE_N
+    least, most_n = windows[steady, HELD_LOOKS // 2].min(initial=np.inf), length(force) - least_apart_n
     if least <= most_n:
         return float(least)
     weak = newtons[(newtons >= PUSHES_BACK_N) & (newtons <= most_n)]
     lasting = weak.size * looks >= VARIED_LOOKS * newtons.size
     return float(np.median(weak)) if lasting else None
+
+
+def slackened_force(felt: Array, force: Vector) -> float | None:
+    """Return the median size [N] to which a press slackened and rose again; None where it did not.
+
+    It was another, weaker force for `SLACK_LOOKS` observations in all, before and after which `force` was
+    held for two in a row. So it is no touch and no release, and an impact before it counts for nothing.
+    felt: (n, 3) [N].
+    """
+    newtons, newton = np.linalg.norm(felt, axis=1), length(force)
+    weak = newtons <= newton - other_force_n(newton)
+    strong = np.flatnonzero(~weak[1:] & ~weak[:-1])
+    if not len(strong):
+        return None
+    inside = slice(int(strong[0]), int(strong[-1]))
+    slack = newtons[inside][weak[inside]]
+    return float(np.median(slack)) if len(slack) >= SLACK_LOOKS else None
 
 
 def stronger_force(felt: Array, newton: float) -> float | None:

@@ -328,7 +328,7 @@ def test_a_value_that_a_document_marks_and_lacks_is_named_without_a_number(field
 @pytest.mark.parametrize(("weaker_n", "warned"), [(None, False), (9.5, False), (6.0, True)])
 def test_a_weaker_force_that_was_held_in_a_press_is_named(weaker_n: float | None, warned: bool):
     touch, pressed, _ = press()
-    said = "presses with 10.0 N throughout, and was taught with 6.0 N for at least one second in total"
+    said = "presses with 10.0 N at 2.6–4.2 s, and was taught with 6.0 N for a part of it"
     found = reasons((touch, pressed.model_copy(update={"weaker_n": weaker_n})))
     assert [one for one in found if "was taught with" in one] == (
         [f"{said}: teach each force as a separate press"] * warned

@@ -236,11 +236,18 @@ def test_what_an_operator_has_named_is_what_it_is(before: str, named: str) -> No
 
 
 @pytest.mark.parametrize(
-    ("first_n", "seconds", "weaker_n"),
-    [(12.0, 2.0, 12.0), (12.0, 0.8, None), (22.0, 2.0, None), (2.0, 2.0, None)],
+    ("kind", "first_n", "seconds", "weaker_n"),
+    [
+        ("sliding", 12.0, 2.0, 12.0),
+        ("sliding", 12.0, 0.8, None),
+        ("contact", 12.0, 0.8, None),
+        ("sliding", 22.0, 2.0, None),
+        ("contact", 22.0, 2.0, None),
+        ("sliding", 2.0, 2.0, None),
+        ("contact", 2.0, 2.0, None),
+    ],
 )
-@pytest.mark.parametrize("kind", ["contact", "sliding"])
-def test_a_press_states_a_weaker_force_that_was_held_in_it(
+def test_a_stroke_states_a_weaker_force_that_was_held_in_it(
     kind: str, first_n: float, seconds: float, weaker_n: float | None
 ) -> None:
     """A press of 12 N, of 25 N and of 12 N again was one of 25 N all the time, without a finding."""
@@ -314,14 +321,17 @@ def test_a_stronger_force_in_a_rest_beside_a_stroke_is_compared_with_that_of_the
 @pytest.mark.parametrize(
     ("push", "weaker_n"),
     [
-        (lambda t: min(max(5.5 * (t - 2.0), 0.0), 25.0), 11.7),  # it was held for a second at 4 N
-        (lambda t: 20.0 + 5.0 * math.sin(6.0 * t), 16.5),  # nothing was stated
-        (lambda t: 12.0 if 4.0 < t < 4.8 or 6.0 < t < 6.8 else 25.0, None),  # and this was a second
+        (lambda t: min(max(5.5 * (t - 2.0), 0.0), 25.0), 12.1),  # it was held for a second at 4 N
+        (lambda t: 20.0 + 5.0 * math.sin(6.0 * t), 17.2),  # nothing was stated
+        (lambda t: 12.0 if 4.0 < t < 4.8 or 6.0 < t < 6.8 else 25.0, 12.0),  # nor for this
+        (lambda t: 20.0 if t % 0.8 < 0.4 else 25.0, 20.0),  # and for these 5 N
+        (lambda t: 12.0 if 4.0 < t < 4.2 else 25.0, None),
+        (lambda t: 22.0 if t % 0.8 < 0.4 else 25.0, None),
         (lambda t: 12.0 if t > 4.0 and t % 2.0 < 0.8 else 25.0, 12.0),
         (lambda t: min(max(30.0 * (t - 2.0), 0.0), 25.0), None),
     ],
 )
-def test_a_force_that_varies_in_a_press_is_stated_if_it_is_weaker_for_two_seconds(
+def test_a_force_that_varies_in_a_press_is_stated_if_it_is_weaker_between_two_stronger_ones(
     push: Callable[[float], float], weaker_n: float | None
 ) -> None:
     made = program(
@@ -335,7 +345,7 @@ def test_a_force_that_varies_in_a_press_is_stated_if_it_is_weaker_for_two_second
 
 @pytest.mark.parametrize(
     ("aside", "seconds", "aslant"),
-    [(20.0, 2.0, True), (20.0, 0.8, True), (20.0, 0.3, False), (4.0, 2.0, False), (-20.0, 2.0, True)],
+    [(20.0, 0.6, True), (20.0, 0.8, True), (20.0, 0.3, False), (4.0, 2.0, False), (-20.0, 0.8, True)],
 )
 def test_a_force_that_was_held_in_another_direction_is_stated(
     aside: float, seconds: float, aslant: bool
@@ -414,9 +424,8 @@ def test_a_press_of_an_hour_is_compared_at_a_bounded_number_of_times() -> None:
         return drifted(t, pushed_n=0.0 if t < 2.0 else 12.0 if t < 1802.0 else 25.0)
 
     made = program(segment("motion", 0.0, 2.0), segment("contact", 2.0, 3602.0, **held(25.0)), at=counted)
-    (press,) = (app for app in made if app.force is not None)
-    assert press.weaker_n == pytest.approx(12.0)
-    assert len(times) < 3000
+    assert [math.hypot(*app.force) for app in made if app.force is not None] == pytest.approx([12.0, 25.0])
+    assert len(times) < 5000
 
 
 def test_a_force_before_a_gap_in_a_press_was_not_held_through_it() -> None:

@@ -290,8 +290,8 @@ def _force_limits(app: App) -> Iterator[Reason]:
     exerted = 0.0 if app.force is None else math.hypot(*app.force)
     if app.weaker_n is not None and exerted > app.weaker_n * (1.0 + UNEVEN_SHARE):
         reason = (
-            f"presses with {fixed(exerted, 1)} N throughout, and was taught with {fixed(app.weaker_n, 1)} N "
-            "for at least one second in total: teach each force as a separate press"
+            f"presses with {fixed(exerted, 1)} N at {interval(app.t0, app.tn, 1)} s, and was taught with "
+            f"{fixed(app.weaker_n, 1)} N for a part of it: teach each force as a separate press"
         )
         yield reason, exerted, app.weaker_n
     least = min((force.newton for force in forces), default=math.inf)

@@ -20,6 +20,7 @@ from caesura_service.program.program_segment import (
 )
 from caesura_service.program.regrips import with_regrips
 from caesura_service.program.segment_interpretation import kept_steps
+from caesura_service.program.turned_biases import turned_biases_note
 from caesura_service.program.unreproduced_finger_motion import unreproduced_finger_motion
 from caesura_service.program.unreproduced_pulls import unreproduced_pulls_note
 from caesura_service.program.unreproduced_torques import unreproduced_torques_note
@@ -48,6 +49,7 @@ __all__ = [
     "may_press_in",
     "observed_share",
     "task_program",
+    "turned_biases_note",
     "unreproduced_finger_motion",
     "unreproduced_pulls_note",
     "unreproduced_torques_note",

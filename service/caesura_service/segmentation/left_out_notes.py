@@ -11,6 +11,7 @@ from caesura_service.program import (
     ENDS_MOVING,
     detours,
     left_out_note,
+    turned_biases_note,
     unreproduced_pulls_note,
     unreproduced_torques_note,
     unreproduced_touches_note,
@@ -45,6 +46,7 @@ def left_out_notes(
             unreproduced_torques_note(in_turns, history.torques, *span),
             unreproduced_pulls_note(in_turns, moment, up),
             unreproduced_touches_note(in_turns, moment, *span, GivingWay),
+            turned_biases_note(in_turns, moment, *span),
         )
         yield from filter(None, missed)
     if _moves(history, len(history) - 1):

@@ -29,6 +29,7 @@ from caesura_protocol.app_kinds import AppKind
 from caesura_protocol.messages import App, Gap, RestForce, Vector
 from caesura_protocol.programs.checks.fidelity import SWAYED_M
 from caesura_protocol.up_direction import UP
+from caesura_service.constants import GRAVITY
 from caesura_service.program.app_group import AppEnd, AppGroup, group_key, pose_fields
 from caesura_service.program.carried_loads import has_other_load, weighed_steps
 from caesura_service.program.end_velocities import with_end_velocities
@@ -38,6 +39,7 @@ from caesura_service.program.held_forces import (
     force_aslant,
     forces_felt,
     impact,
+    last_pressed,
     other_force_n,
     slackened_force,
     stronger_force,
@@ -53,6 +55,7 @@ from caesura_service.program.program_segment import (
     GRIP_SLACK_S,
     OBSERVED_S,
     PUSHES_BACK_N,
+    TOUCHED_S,
     GripperAction,
     MomentAt,
     ProgramSegment,
@@ -240,8 +243,9 @@ def _presses(group: AppGroup, begun: float) -> Iterator[App]:
 def _press(group: AppGroup, begun: float) -> App:
     """Return a press from `begun` [s] on, with the force of the hardest step.
 
-    Its pose is that of the last time with most of the force. It has a path where it turns, or where it sways
-    by more than a press that is held; otherwise it states how far it was off the straight line.
+    Its pose is that of the last time with most of the force. It ends before its contact if only an object
+    that is held rests there afterwards. It has a path where it turns, or where it sways by more than a press
+    that is held; otherwise it states how far it was off the straight line.
     """
     hardest = _hardest(group.steps)
     changes, end = _forces(hardest.force, group.force_limit_n), group.pressed(hardest)
@@ -252,6 +256,8 @@ def _press(group: AppGroup, begun: float) -> App:
     changes["weaker_n"] = slackened_force(felt, hardest.force) if weaker_n is None else weaker_n
     changes["stronger_n"] = stronger_force(felt, length(hardest.force))
     changes["impact_n"] = impact(felt, length(hardest.force))
+    if (tn := _press_ended(group, times, felt, hardest.force)) is not None:
+        changes["tn"] = tn
     turns = False
     if end is not None:
         changes |= end.where
@@ -264,6 +270,21 @@ def _press(group: AppGroup, begun: float) -> App:
     if not turns:
         changes["aslant"] = force_aslant(felt, hardest.force) or force_aside(felt, hardest.force)
     return group.app("apply_force", group.steps, t0=begun, **changes)
+
+
+def _press_ended(
+    group: AppGroup, times: Sequence[float], felt: NDArray[np.float64], force: Vector
+) -> float | None:
+    """Return the time [s] at which a press ends in a rest that follows it in contact; None without one.
+
+    In that rest the contact bears at most the weight of what is held. felt: (n, 3) [N] at times [s].
+    """
+    last_step = group.steps[-1].segment
+    if last_step.kind != "contact" or last_step.corrected or len(felt) != len(times):
+        return None
+    carried = None if group.before is None else group.before.segment.load_kg
+    last = last_pressed(felt, force, GRAVITY * (carried or 0.0) + PUSHES_BACK_N)
+    return None if last is None else times[last] + TOUCHED_S
 
 
 def _hardest(steps: Sequence[ProgramSegment]) -> ProgramSegment:

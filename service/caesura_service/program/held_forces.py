@@ -17,7 +17,7 @@ from caesura_service.program.program_segment import PUSHES_BACK_N, UNLIKE_N, Mom
 HELD_LOOKS = 10  # observations in a row, one second, from which on a weaker force was held on purpose
 ASIDE_LOOKS = 5  # likewise of one in another direction, half a second: a touch has that of its press
 VARIED_LOOKS = 20  # observations, two seconds in all, from which on a weaker force is no touch or release
-SLACK_LOOKS = 3  # observations in all, the shortest segment, for which a press slackens between two others
+SLACK_LOOKS = 3  # observations, the shortest segment, for which a press slackens or is over
 MOST_LOOKS = 1200  # observations of a press at which its forces are compared: two minutes, or evenly spread
 LEAN_COSINE = math.cos(math.radians(30.0))  # between two forces, up to which they press in two directions
 
@@ -87,6 +87,19 @@ def slackened_force(felt: Array, force: Vector) -> float | None:
     inside = slice(int(strong[0]), int(strong[-1]))
     slack = newtons[inside][weak[inside]]
     return float(np.median(slack)) if len(slack) >= SLACK_LOOKS else None
+
+
+def last_pressed(felt: Array, force: Vector, rest_n: float) -> int | None:
+    """Return the index of the last observation with a force; None if it is pressed, or let go, to the end.
+
+    After it, nothing is pressed for `SLACK_LOOKS` observations or longer: a force of `rest_n` [N] at most, as
+    of an object that rests on what it was pressed on. felt: (n, 3) [N].
+    """
+    newtons, newton = np.linalg.norm(felt, axis=1), length(force)
+    pressed = np.flatnonzero(newtons > newton - other_force_n(newton))
+    after = newtons[pressed[-1] + 1 :] if len(pressed) else newtons[:0]
+    rests = len(after) >= SLACK_LOOKS and float(np.median(after)) <= rest_n
+    return int(pressed[-1]) if rests else None
 
 
 def stronger_force(felt: Array, newton: float) -> float | None:

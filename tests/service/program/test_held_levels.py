@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from caesura_protocol.messages import App
+from caesura_service.program import GripperAction
 from caesura_service.program.held_levels import held_levels
 from service.program.segments import ACROSS, OFF, drifted, held, program, segment
 
@@ -103,3 +104,28 @@ def test_a_noise_as_large_as_the_difference_hides_two_levels() -> None:
     sizes = np.concatenate([np.full(30, 10.0), np.full(30, 6.0)])
     sizes += np.random.default_rng(1).normal(scale=2.0, size=len(sizes))
     assert held_levels(sizes) == [(0, 60)]
+
+
+@pytest.mark.parametrize(
+    ("after_n", "rests_s", "ended"),
+    [
+        (0.0, 0.8, 5.0),  # nothing is pressed any more
+        (6.0, 0.8, 5.0),  # the support bears what is held
+        (6.0, 0.2, 5.2),  # the hand lets go
+        (12.0, 0.8, 5.8),  # more than that: the hand still presses
+    ],
+)
+def test_a_press_ends_where_only_what_is_held_rests_on_its_support(
+    after_n: float, rests_s: float, ended: float
+) -> None:
+    """A peg that stood in its hole for 0.7 s, until the fingers opened, was pressed for as long."""
+    push = taught((20.0, 3.0), (after_n, rests_s))
+    made = program(
+        segment("transport", 0.0, 2.0, load_kg=0.6, load_sd_kg=0.02),
+        segment("contact", 2.0, 5.0 + rests_s, **held(20.0)),
+        grips=(GripperAction(-1.0, "grasp", 0.03), GripperAction(8.0, "release", 0.08)),
+        at=lambda t: drifted(t, pushed_n=push(t)),
+    )
+    (press,) = (app for app in made if app.force is not None)
+    assert (press.t0, press.tn) == pytest.approx((2.0, ended))
+    assert newtons([press]) == pytest.approx([20.0])

@@ -22,6 +22,7 @@ from caesura_service.program.regrips import with_regrips
 from caesura_service.program.segment_interpretation import kept_steps
 from caesura_service.program.turned_biases import turned_biases_note
 from caesura_service.program.unreproduced_finger_motion import unreproduced_finger_motion
+from caesura_service.program.unreproduced_load_changes import unreproduced_load_changes_note
 from caesura_service.program.unreproduced_pulls import unreproduced_pulls_note
 from caesura_service.program.unreproduced_torques import unreproduced_torques_note
 from caesura_service.program.unreproduced_touches import unreproduced_touches_note
@@ -51,6 +52,7 @@ __all__ = [
     "task_program",
     "turned_biases_note",
     "unreproduced_finger_motion",
+    "unreproduced_load_changes_note",
     "unreproduced_pulls_note",
     "unreproduced_torques_note",
     "unreproduced_touches_note",

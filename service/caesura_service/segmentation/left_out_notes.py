@@ -12,6 +12,7 @@ from caesura_service.program import (
     detours,
     left_out_note,
     turned_biases_note,
+    unreproduced_load_changes_note,
     unreproduced_pulls_note,
     unreproduced_torques_note,
     unreproduced_touches_note,
@@ -45,6 +46,7 @@ def left_out_notes(
         missed = (
             unreproduced_torques_note(in_turns, history.torques, *span),
             unreproduced_pulls_note(in_turns, moment, up),
+            unreproduced_load_changes_note(in_turns, moment, up),
             unreproduced_touches_note(in_turns, moment, *span, GivingWay),
             turned_biases_note(in_turns, moment, *span),
         )

@@ -130,7 +130,7 @@ def bias_between(
         leaving = observed(after.t0 + LETTING_GO_S, min(after.t0 + AROUND_S, after.tn))
         times += [t for t in _in_air(leaving, left, moment_at) if after.t0 < t < after.tn]
     known = [
-        (_row(t, moment, before.tn, origin), moment.force, _acceleration(t, moment_at))
+        (_row(t, moment, before.tn, origin), moment.force, acceleration(t, moment_at))
         for t, moment in zip(times, map(moment_at, times), strict=True)
         if moment.force is not None
     ]
@@ -161,7 +161,7 @@ def _fitted(rows: Array, forces: Array, accelerations: Array) -> Array:
     return slopes
 
 
-def _acceleration(t: float, moment_at: MomentAt) -> Array:
+def acceleration(t: float, moment_at: MomentAt) -> Array:
     """Return the acceleration (3,) [m/s²] at an observation, from the positions beside it."""
     before, here, after = (np.array(moment_at(t + OBSERVED_S * k).position) for k in (-1, 0, 1))
     change: Array = (after - here) - (here - before)

@@ -15,10 +15,20 @@ from caesura_protocol.messages import App
 from caesura_protocol.number_words import fixed, interval
 from caesura_service.constants import TARED_BIAS_N
 from caesura_service.program.largest_parts import largest_parts
-from caesura_service.program.program_segment import OBSERVED_S, ROUNDED_S, UNLIKE_N, MomentAt, observed
+from caesura_service.program.program_segment import (
+    OBSERVED_S,
+    ROUNDED_S,
+    UNLIKE_N,
+    MomentAt,
+    length,
+    observed,
+)
+from caesura_service.program.sensor_bias import acceleration
 
 LASTS = 5  # observations in a row, half a second, from which on a weak force is named
 HITS = 3  # likewise one of `UNLIKE_N`: no tool of 2 kg is accelerated so long without moving by 0.7 m/s
+SHORT_HITS = 2  # observations of a shorter one: a single one may be an outlier
+TOOL_KG = 2.0  # whose inertia a shorter one exceeds
 AROUND_S = 5.0  # before and after a force, in which a sensor drifts by less than `TARED_BIAS_N`
 BLOCK = 10  # observations for which one reading is that of the air
 BESIDE_S = 0.3  # beside an app in contact, in which its force still fades
@@ -58,7 +68,7 @@ def unreproduced_touches_note(
     times = np.concatenate([t for t, _ in readings] or [np.zeros(0)])
     forces = np.concatenate([force for _, force in readings] or [np.zeros((0, AXES))])
     air = [_air(block, times, forces) for block in giving_way(blocks)]
-    found = list(_touches(times, forces - np.concatenate(air or [forces])))
+    found = list(_touches(times, forces - np.concatenate(air or [forces]), moment_at))
     if not found:
         return None
     said = "; ".join(largest_parts(found, lambda one: one.newton, _Touch.text, NAMED, "weaker ones"))
@@ -105,17 +115,33 @@ def _air(block: Block, times: Array, forces: Array) -> Array:
     return np.tile(around[near].mean(axis=0), (int(inside[1] - inside[0]), 1))
 
 
-def _touches(times: Array, apart: Array) -> Iterator[_Touch]:
+def _touches(times: Array, apart: Array, moment_at: MomentAt) -> Iterator[_Touch]:
     """Yield the forces that differ by `TARED_BIAS_N` from the air; apart: (n, 3) [N] the differences.
 
-    They last for `LASTS` observations, or for `HITS` with more than a drift, as what is hit in passing. A
-    force may turn, as that on a crank does. So its size is the mean of the sizes.
+    They last for `LASTS` observations, or for `HITS` with more than a drift, as what is hit in passing, or
+    for `SHORT_HITS` if no inertia explains them. A force may turn, as that on a crank does. So its size is
+    the mean of the sizes.
     """
     newtons = np.linalg.norm(apart, axis=1)
     far = newtons >= TARED_BIAS_N
     breaks = (np.diff(far.astype(np.int8)) != 0) | (np.diff(times) > 1.5 * OBSERVED_S)
     edges = [0, *(np.flatnonzero(breaks) + 1).tolist(), len(times)]
     for low, high in pairwise(edges):
-        hits = np.count_nonzero(newtons[low:high] >= UNLIKE_N) >= HITS
-        if (hits or high - low >= LASTS) and far[low]:
+        if not far[low:high].any():
+            continue
+        if high - low >= LASTS or _is_hit(times[low:high], newtons[low:high], moment_at):
             yield _Touch(float(times[low]), float(times[high - 1]), float(newtons[low:high].mean()))
+
+
+def _is_hit(times: Array, newtons: Array, moment_at: MomentAt) -> bool:
+    """Return whether something was hit by forces of sizes (n,) [N] at times [s].
+
+    A short hit has the impulse of `UNLIKE_N` in `SHORT_HITS` observations, beyond the inertia of a tool.
+    """
+    hard = np.count_nonzero(newtons >= UNLIKE_N)
+    if hard >= HITS:
+        return True
+    if not hard or len(times) < SHORT_HITS or newtons.sum() < SHORT_HITS * UNLIKE_N:
+        return False
+    inertia_n = [TOOL_KG * length(acceleration(t, moment_at)) for t in times.tolist()]
+    return bool(np.maximum(newtons - inertia_n, 0.0).sum() >= SHORT_HITS * UNLIKE_N)

@@ -50,12 +50,38 @@ def test_lines_that_a_pen_draws_lightly_are_named() -> None:
         (2.0, 2.0, 0.0, False),
         (0.0, 0.0, 2.3, False),
         (7.0, 0.3, 0.0, True),
-        (7.0, 0.2, 0.0, False),
+        (7.0, 0.2, 0.0, True),
+        (4.0, 0.2, 0.0, False),
+        (20.0, 0.1, 0.0, False),
     ],
-    ids=["long enough", "too short", "too weak", "a sensor that drifts", "hit in passing", "a jolt"],
+    ids=[
+        "long enough",
+        "too short",
+        "too weak",
+        "a drift",
+        "hit in passing",
+        "hit shortly",
+        "a jolt",
+        "a spike",
+    ],
 )
 def test_only_what_is_no_drift_is_named(newton: float, seconds: float, drift_n: float, stated: bool) -> None:
     assert (note(felt((newton, 4.0, 4.0 + seconds), drift_n=drift_n)) is not None) == stated
+
+
+@pytest.mark.parametrize(("m_per_s2", "stated"), [(0.5, True), (3.0, False)])
+def test_a_short_force_that_the_inertia_of_a_tool_explains_is_not_named(
+    m_per_s2: float, stated: bool
+) -> None:
+    """A hit of 8 N for 0.2 s, as at a corner of a table, had no note; nor has a jolt of a tool of 2 kg."""
+    hit = felt((8.0, 4.0, 4.2))
+
+    def at(t: float) -> Moment:
+        since = min(max(t - 3.8, 0.0), 0.6)  # [s] of acceleration
+        z = 0.5 * m_per_s2 * since**2 + m_per_s2 * since * max(t - 4.4, 0.0)
+        return replace(hit(t), position=(0.0, 0.0, z))
+
+    assert (note(at) is not None) == stated
 
 
 @pytest.mark.parametrize("kind", ["apply_force", "transport", "grasp", "cartesian_motion"])

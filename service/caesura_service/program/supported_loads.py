@@ -18,7 +18,6 @@ from caesura_service.constants import GRAVITY
 from caesura_service.program.carried_loads import HANGING_N, KEPT_SHARE, as_carry_of, weighed_steps
 from caesura_service.program.pressed_force import pressed_from
 from caesura_service.program.program_segment import (
-    ENDS,
     PUSHES_BACK_N,
     TOUCHED_S,
     Context,
@@ -54,7 +53,7 @@ def _gone_weight(
     after: ProgramSegment | None,
     context: Context,
 ) -> Array:
-    """Return the weight (3,) [N] of the carry before a contact if it goes in that contact; else 0.
+    """Return the weight (3,) [N] of the carry before a contact if a support bears it at the end; else 0.
 
     0 too where the fingers are known, or where an operator has set a kind. before, after: the steps beside
     the contact.
@@ -67,9 +66,16 @@ def _gone_weight(
         return np.zeros(3)
     weight: Array = -GRAVITY * average(weighed, "load_kg") * np.array(context.up)
     weight_n = float(np.linalg.norm(weight))
-    supported = _beside_base(contact[-1], context)[-ENDS:] @ np.array(context.up)
-    stays = after is None and (not len(supported) or np.median(supported) < KEPT_SHARE * weight_n)
-    return np.zeros(3) if weight_n < HANGING_N or stays else weight
+    is_borne = any(n >= KEPT_SHARE * weight_n for n in _borne_last(contact[-1], after, context))
+    return weight if weight_n >= HANGING_N and is_borne else np.zeros(3)
+
+
+def _borne_last(contact: ProgramSegment, after: ProgramSegment | None, context: Context) -> Iterator[float]:
+    """Yield what a support bears [N] at the end of a contact, and as a rest after it begins."""
+    ends = [observed(contact.segment.t0, contact.segment.tn)[-1]]
+    if after is not None and after.segment.motion == "steady":
+        ends.append(observed(after.segment.t0, after.segment.tn)[0])
+    yield from ((context.forces(ends) - contact.base) @ np.array(context.up)).tolist()
 
 
 def _parts(step: ProgramSegment, weight: Array, context: Context) -> Iterator[ProgramSegment]:

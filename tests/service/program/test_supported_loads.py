@@ -92,3 +92,8 @@ def test_a_support_that_bears_less_than_half_of_the_weight_at_the_end_is_a_press
 def test_fingers_that_hold_something_show_a_set_down_themselves() -> None:
     apps = set_down(lambda t: 12.0, grips=(GripperAction(-1.0, "grasp", 0.03),))
     assert newtons(apps) == pytest.approx([12.0])
+
+
+def test_a_pull_that_lasts_until_the_tool_leaves_was_not_set_down() -> None:
+    """Its force went on in the movement away: with negated forces it became a press of 16 N."""
+    assert newtons(set_down(lambda t: -6.0)) == pytest.approx([6.0])

@@ -183,6 +183,11 @@ class ObservationStore:
         x, y, z = (median if self._upright is None else median @ self._upright).tolist()
         return x, y, z
 
+    def mean_force(self, start: int, end: int) -> Array:
+        """Return the mean force (3,) [N] from start to end, not included; of PRESS_LOOKS at most."""
+        mean: Array = self._forces(range(start, end, -(-(end - start) // PRESS_LOOKS))).mean(axis=0)
+        return mean
+
     def poses(self, t0: float, tn: float) -> tuple[Array, Array]:
         """Return times (n,) [s] and flange poses (n, 7) between the observations nearest to t0 and to tn.
 

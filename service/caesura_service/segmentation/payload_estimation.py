@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from caesura_service.changepoint.segments import InferredSegment
 from caesura_service.constants import GRAVITY
+from caesura_service.program.carried_loads import HANGING_ASIDE, HANGING_N
 from caesura_service.segmentation.observation_store import ObservationStore
 
 LEAST_BASELINE = 3  # observations of free space that a baseline needs
@@ -51,11 +52,30 @@ def weigh(
     mean, variance = _vertical(stretches[index], history)
     sides = (reversed(stretches[:index]), stretches[index + 1 :])
     nearest = [next((s for s in side if is_baseline(s, history, bias_n)), None) for side in sides]
-    baselines = [_vertical(s, history) for s in nearest if s is not None]
+    beside = [s for s in nearest if s is not None]
+    if len(beside) > 1 and history.holding_states(stretches[index].start, stretches[index].end) is None:
+        beside = _without_hidden_load(beside, history)
+    baselines = [_vertical(s, history) for s in beside]
     means, variances = [m for m, _ in baselines], [v for _, v in baselines]
     zero, noise = (sum(values) / max(len(values), 1) for values in (means, variances))
     sd = math.hypot(math.sqrt(variance + noise), _bias_sd(means, bias_n))
     return Load(max(-(mean - zero) / GRAVITY, 0.0), sd / GRAVITY)
+
+
+def _without_hidden_load(
+    beside: Sequence[InferredSegment], history: ObservationStore
+) -> list[InferredSegment]:
+    """Return the free space on both sides of a load, without a side on which a light load hangs.
+
+    Without a gripper's state a light load is shown as free space. It hangs straight down, compared with the
+    other side; a bias wanders in any direction.
+    """
+    low, high = sorted(beside, key=lambda one: _vertical(one, history)[0])
+    down_n = _vertical(high, history)[0] - _vertical(low, history)[0]
+    apart = history.mean_force(high.start, high.end) - history.mean_force(low.start, low.end)
+    aside_n = math.sqrt(max(float(apart @ apart) - down_n * down_n, 0.0))
+    hangs = down_n >= HANGING_N and aside_n <= HANGING_ASIDE * down_n
+    return [high] if hangs else [*beside]
 
 
 def _bias_sd(means: list[float], bias_n: float) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -60,3 +62,35 @@ def test_nothing_weighs_less_than_nothing():
     load = loads(("free", 0.0), ("transport", 1.0))[1]
     assert load is not None
     assert load.kg == 0.0
+
+
+@pytest.mark.parametrize("sides", [(0.0, -2.4), (-2.4, 0.0)])
+def test_a_light_load_that_is_shown_as_free_space_is_no_baseline(sides: tuple[float, float]) -> None:
+    """A cup of 0.5 kg, poured out until 0.25 kg were left, was weighed against the mean of both: 0.38 kg."""
+    before, after = sides
+    load = loads(("free", before), ("transport", -WEIGHT_N), ("free", after), bias_n=2.3)[1]
+    assert load is not None
+    assert load.kg == pytest.approx(0.5, abs=1e-9)
+
+
+def test_a_bias_that_wandered_aside_is_taken_off_on_both_sides() -> None:
+    stretches, history = story(("free", 0.0), ("transport", -WEIGHT_N), ("free", -2.0))
+    wandered = ObservationStore()
+    for index in range(len(history)):
+        seen = observation(index, history.force(index)[2])
+        there = np.array([2.0 * (index >= 2 * LENGTH), 0.0, 0.0])
+        wandered.append(replace(seen, force_base=seen.force_base + there))
+    load = weigh(stretches, 1, wandered, 2.3)
+    assert load is not None
+    assert load.kg == pytest.approx((WEIGHT_N - 1.0) / 9.81, abs=1e-9)
+
+
+def test_where_the_gripper_is_known_free_space_holds_nothing() -> None:
+    stretches, history = story(("free", 0.0), ("transport", -WEIGHT_N), ("free", -2.0))
+    gripped = ObservationStore()
+    for index in range(len(history)):
+        seen = observation(index, history.force(index)[2])
+        gripped.append(replace(seen, gripper_closed=LENGTH <= index < 2 * LENGTH))
+    load = weigh(stretches, 1, gripped, 2.3)
+    assert load is not None
+    assert load.kg == pytest.approx((WEIGHT_N - 1.0) / 9.81, abs=1e-9)

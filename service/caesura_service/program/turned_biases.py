@@ -19,6 +19,7 @@ from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App
 from caesura_protocol.number_words import fixed, interval
 from caesura_service.constants import GRAVITY
+from caesura_service.program.held_forces import decimation
 from caesura_service.program.largest_parts import largest_parts
 from caesura_service.program.program_segment import PUSHES_BACK_N, MomentAt, length, observed
 
@@ -79,7 +80,9 @@ def _newton(app: App) -> float:
 
 
 def _looks(t0: float, tn: float) -> list[float]:
-    return observed(t0, tn) if tn > t0 else []
+    """Return the times [s] of the observations between two times, evenly decimated."""
+    times = observed(t0, tn) if tn > t0 else []
+    return times[:: decimation(len(times))]
 
 
 def _turned_n(air: Sequence[float], pressed: Sequence[float], moment_at: MomentAt) -> float:

@@ -12,6 +12,7 @@ from itertools import groupby, pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from caesura_protocol.app_contacts import is_resisted
@@ -107,20 +108,23 @@ def _changes_in(times: Sequence[float], weights: Array) -> Iterator[_Change]:
     count = 2 * SIDE + CHANGING
     if len(weights) < count:
         return
-    best: tuple[float, int] = (0.0, 0)
-    for low in range(len(weights) - count + 1):
-        before, after = weights[low : low + SIDE], weights[low + count - SIDE : low + count]
-        apart = abs(float(after.mean() - before.mean()))
-        if apart > _least_change_kg(before, after) and apart > best[0]:
-            best = apart, low
-    if best[0]:
-        low = best[1]
+    windows = sliding_window_view(weights, count)
+    before, after = windows[:, :SIDE], windows[:, -SIDE:]
+    apart = np.abs(after.mean(axis=1) - before.mean(axis=1))
+    apart[apart <= _least_changes_kg(before, after)] = 0.0
+    low = int(np.argmax(apart))
+    if apart[low]:
         middle = low + count // 2
         yield _Change(times[middle], float(np.median(weights[:middle])), float(np.median(weights[middle:])))
 
 
-def _least_change_kg(before: Array, after: Array) -> float:
-    """Return from which difference of means [kg] on a load has changed: `CHANGED_SDS` of noise and drift."""
-    variances = (float(side.var(ddof=1)) * DEPENDENT / SIDE for side in (before, after))
+def _least_changes_kg(before: Array, after: Array) -> Array:
+    """Return from which difference of means (k,) [kg] on a load has changed.
+
+    It is `CHANGED_SDS` times the standard deviation of noise and drift. before, after:
+    weights (k, SIDE) [kg].
+    """
+    variance = (before.var(axis=1, ddof=1) + after.var(axis=1, ddof=1)) * DEPENDENT / SIDE
     drift_kg = WANDER_N * (SIDE + CHANGING) * OBSERVED_S / WANDER_S / GRAVITY
-    return CHANGED_SDS * math.hypot(drift_kg, *map(math.sqrt, variances))
+    least: Array = CHANGED_SDS * np.sqrt(variance + drift_kg**2)
+    return least

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 
 from caesura_protocol.messages import App, Segment, Vector
-from caesura_service.cooperative_scheduler import GivingWay
+from caesura_service.cooperative_scheduler import GivingWay, give_way
 from caesura_service.program import (
     BEGINS_MOVING,
     ENDS_MOVING,
+    Moment,
     detours,
     left_out_note,
     turned_biases_note,
@@ -36,6 +37,11 @@ def left_out_notes(
     """
     segments, apps = tuple(GivingWay(segments)), tuple(GivingWay(apps))  # decoded once
     in_turns, moment = GivingWay(apps), history.moment
+
+    def moment_in_turns(t: float) -> Moment:
+        give_way()  # an app may last for an hour
+        return moment(t)
+
     if _moves(history, 1):
         yield BEGINS_MOVING
     ways = detours(in_turns, *history.all_poses())
@@ -46,9 +52,9 @@ def left_out_notes(
         missed = (
             unreproduced_torques_note(in_turns, history.torques, *span),
             unreproduced_pulls_note(in_turns, moment, up),
-            unreproduced_load_changes_note(in_turns, moment, up),
+            unreproduced_load_changes_note(in_turns, moment_in_turns, up),
             unreproduced_touches_note(in_turns, moment, *span, GivingWay),
-            turned_biases_note(in_turns, moment, *span),
+            turned_biases_note(in_turns, moment_in_turns, *span),
         )
         yield from filter(None, missed)
     if _moves(history, len(history) - 1):

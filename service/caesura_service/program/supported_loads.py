@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.constants import GRAVITY
-from caesura_service.program.carried_loads import HANGING_N, KEPT_SHARE, as_carry_of, weighed_steps
+from caesura_service.program.carried_loads import HANGING_N, KEPT_SHARE, as_carry_of, is_weighed_well
 from caesura_service.program.pressed_force import pressed_from
 from caesura_service.program.program_segment import (
     PUSHES_BACK_N,
@@ -60,7 +60,7 @@ def _gone_weight(
     """
     known = any(holds(step, context.grips) is not None or step.segment.corrected for step in contact)
     carry = list(takewhile(lambda step: step.segment.contact == "transport", reversed(before)))
-    weighed = weighed_steps(carry)
+    weighed = [step for step in carry if is_weighed_well(step)]  # a shorter one may be a pull
     goes_on = after is not None and after.segment.contact == "transport"
     if known or goes_on or not weighed:
         return np.zeros(3)

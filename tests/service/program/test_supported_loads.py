@@ -25,11 +25,12 @@ LOAD = {"load_kg": KG, "load_sd_kg": 0.02}
 def set_down(
     support: Callable[[float], float],
     *,
+    begins: float = 0.0,
     lifted: bool = False,
     ends: bool = False,
     grips: tuple[GripperAction, ...] = (),
 ) -> tuple[App, ...]:
-    """A carry from 0 to 4 s, a contact until 5 s, and a movement away from it.
+    """A carry until 4 s, a contact until 5 s, and a movement away from it; begins: of the carry [s].
 
     support: the force [N] of the support in the contact, by the time since the touch; lifted: whether the
     load is carried on afterwards; ends: whether the demonstration ends with the contact.
@@ -43,7 +44,7 @@ def set_down(
     middle = np.median([support(0.05 + 0.1 * k) for k in range(10)])
     away = segment("transport", 5.0, 7.0, **LOAD, **UP) if lifted else segment("motion", 5.0, 7.0, **UP)
     steps = [
-        segment("transport", 0.0, 4.0, **LOAD, **DOWN),
+        segment("transport", begins, 4.0, **LOAD, **DOWN),
         segment("contact", 4.0, 5.0, **held(middle - WEIGHT_N), **STILL),
         away,
     ]
@@ -97,3 +98,8 @@ def test_fingers_that_hold_something_show_a_set_down_themselves() -> None:
 def test_a_pull_that_lasts_until_the_tool_leaves_was_not_set_down() -> None:
     """Its force went on in the movement away: with negated forces it became a press of 16 N."""
     assert newtons(set_down(lambda t: -6.0)) == pytest.approx([6.0])
+
+
+def test_a_carry_that_is_too_short_to_be_weighed_may_be_a_pull() -> None:
+    (press_n,) = newtons(set_down(lambda t: WEIGHT_N, begins=3.4))
+    assert press_n == pytest.approx(WEIGHT_N)

@@ -198,6 +198,7 @@ def test_without_a_service_nothing_starts_and_what_was_taught_waits_for_it(route
             robot.give(samples(200))
             eventually(lambda: known(caesura, session).samples > 0)
         robot.give(samples(400, t0=0.2))  # the service is dead
+        eventually(lambda: robot.read == 600)  # what is read after the stop is no part of the session
         stopping = ThreadPoolExecutor(1).submit(caesura.stop, STATION)
         eventually(lambda: "not stored yet" in (standby.status.problem or ""))
         assert standby.status.state == "stopping"

@@ -53,13 +53,14 @@ from harness.processes import (
     teaching,
 )
 
+pytestmark = pytest.mark.slow
+
 # The service, which is frozen just before it records an edit of LATE, once: after its look at the epochs.
 LATE = "late"
 FREEZING = f"""
 import signal, threading
 from caesura_service.journal import AppliedEdit, SqliteJournal
 
-pytestmark = pytest.mark.slow
 append = SqliteJournal.append
 
 def freezing(journal, record, *, now=False):

@@ -191,6 +191,7 @@ def test_without_a_service_nothing_starts_and_what_was_taught_waits_for_it(route
     robot = Robot()
     with standing_by(router.endpoint, robot, settings=AT_ONCE) as standby:
         reaches(standby, "ready")
+        eventually(lambda: STATION in caesura.stations())  # what the bridge declares arrives in its order
         assert "no service is there" in refused(lambda: caesura.start(STATION)).message
         with running(service):
             eventually(lambda: caesura.services() != [])

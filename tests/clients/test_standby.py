@@ -215,3 +215,30 @@ def test_a_bridge_whose_terminal_is_gone_goes_on(over):
 
     with standing_by(MemoryNetwork(), lambda: nullcontext(Robot(over)), gone) as standby:
         eventually(lambda: standby.status.state == "ready")
+
+
+def test_a_client_that_sees_the_bridge_can_start_it(over, monkeypatch):
+    """Its token came first: a client that waited for the station and started it had no answer."""
+    network, declared = MemoryNetwork(), list[str]()
+    memory = type(network.transport())
+    for what in ("declare_token", "declare_queryable"):
+        declare = getattr(memory, what)
+
+        def noted(self, key, *given, what=what, declare=declare):
+            declared.append(f"{what} {key.rpartition('/')[2]}")
+            return declare(self, key, *given)
+
+        monkeypatch.setattr(memory, what, noted)
+    with standing_by(network, lambda: nullcontext(Robot(over))) as standby:
+        eventually(lambda: standby.status.state == "ready")
+    assert declared == ["declare_queryable bridge_control", "declare_token alive"]
+
+
+def test_a_bridge_that_ends_refuses_a_start(over):
+    network = MemoryNetwork()
+    with FakeService(network.transport()), standing_by(network, lambda: nullcontext(Robot(over))) as standby:
+        eventually(lambda: standby.status.state == "ready")
+        standby._over.set()
+        with pytest.raises(ProtocolError, match="the bridge of cell-1 is ending") as refusal:
+            standby._check_ready()
+        assert refusal.value.code == "conflict"

@@ -126,12 +126,13 @@ class Standby:
         self._wait_for_station()
         key = station_key(self.station, "bridge_control")
         with ExitStack() as stack:
+            # Before the token: a client that sees the station can start it.
+            stack.enter_context(QueryThread(self._transport, key, self._answer))
             stack.enter_context(self._transport.declare_token(station_key(self.station, "alive")))
             beat = threading.Thread(target=self._publish, name=f"status {self.station}", daemon=True)
             beat.start()
             stack.callback(beat.join)
             stack.callback(self.end)
-            stack.enter_context(QueryThread(self._transport, key, self._answer))
             while not self._over.is_set():
                 try:
                     with self._open_source() as source:
@@ -368,6 +369,8 @@ class Standby:
 
     def _check_ready(self) -> None:
         """Raise ProtocolError if no session can begin now."""
+        if self._over.is_set():
+            raise ProtocolError("conflict", f"the bridge of {self.station} is ending")
         status = self.status
         if status.state == "ready" and self._current is None:
             return

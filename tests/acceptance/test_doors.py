@@ -46,6 +46,7 @@ def test_the_table_shows_it_and_has_no_contact(frozen: Path, tmp_path: Path):
     assert ASSUMED_ORDER in warnings
 
 
+@pytest.mark.slow
 def test_the_report_shows_it(frozen: Path, tmp_path: Path):
     done = caesura("report", frozen, "-o", tmp_path / "a.html")
     assert done.exit_code == 0, done.output

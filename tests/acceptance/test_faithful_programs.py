@@ -184,6 +184,7 @@ def test_a_path_that_cannot_be_kept_within_its_tolerance_says_so(tmp_path: Path)
     assert "from the taught path, the tolerance is 0.1 mm" in said(program)
 
 
+@pytest.mark.slow
 def test_what_is_lost_stands_in_every_table_page_and_script(tmp_path: Path) -> None:
     # A hand at rest drifted by 25 mm between two movements. Only check and scripts said so.
     way = place(0.4, 0.0, 0.3)

@@ -88,6 +88,7 @@ def test_samples_that_the_network_dropped_come_from_the_journal_in_order(tmp_pat
     assert not [status for status in viewer.statuses if "not received" in status]
 
 
+@pytest.mark.slow
 def test_a_viewer_receives_a_session_as_it_is_taught_and_the_end_of_the_command_harms_nothing(tmp_path):
     command = [sys.executable, "-c", "from caesura_clients.cli import main; main()", "foxglove"]
     with serving(tmp_path) as service, connect(service.endpoint) as caesura:

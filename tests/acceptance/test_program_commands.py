@@ -107,6 +107,7 @@ def test_a_script_for_another_robot_of_the_maker_is_written_where_it_is_retarget
     assert "Universal Robots UR10e" in written.output.splitlines()[1]
 
 
+@pytest.mark.slow
 def test_a_program_is_run_and_what_was_recorded_is_a_recording(program: Path, tmp_path: Path) -> None:
     out = tmp_path / "run.npz"
     done = caesura("execute", program, "--simulated", "--scenario", "dispenser", "-o", out)
@@ -115,6 +116,7 @@ def test_a_program_is_run_and_what_was_recorded_is_a_recording(program: Path, tm
     assert load_recording(out).t[-1] > 5.0
 
 
+@pytest.mark.slow
 def test_without_a_scenario_it_runs_in_a_cell_as_taught_within_the_limits_that_are_stated(
     program: Path, tmp_path: Path
 ) -> None:
@@ -282,6 +284,7 @@ def test_optimal_without_its_extra_says_in_one_line_what_is_missing(
     assert done.output.strip() == missing
 
 
+@pytest.mark.slow
 def test_the_fastest_program_is_written_checked_and_run(tmp_path: Path) -> None:
     taught, fast = tmp_path / "taught.json", tmp_path / "fast.json"
     caesura("segment", Path(__file__).parents[2] / "data" / "pick_and_place.npz", "--json", taught)

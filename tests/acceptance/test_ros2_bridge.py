@@ -47,6 +47,7 @@ def ros_router() -> Iterator[RouterNetwork]:
         yield network
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_the_segments_are_those_of_the_npz(caesura, ros_router: RouterNetwork, tmp_path, layout):
     made = guided()

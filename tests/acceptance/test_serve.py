@@ -61,6 +61,7 @@ def refused(*options: str) -> str:
     return done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "starting"),
     [(signal.SIGINT, partial(subprocess.Popen, text=True)), (signal.SIGTERM, start)],

@@ -298,6 +298,7 @@ def test_a_journal_that_cannot_be_read_is_passed_over_where_there_are_others(dir
     assert done.exit_code == 1
 
 
+@pytest.mark.slow
 def test_on_a_terminal_delete_asks_first(directory):
     terminal, keys = pty.openpty()
     try:

@@ -133,6 +133,7 @@ def refused(command: Callable[[], object]) -> ProtocolError:
     return error.value
 
 
+@pytest.mark.slow
 def test_one_process_teaches_session_after_session_and_nothing_in_between(router, service, caesura):
     with ready_to_start(caesura, router.endpoint, FileSource(RECORDING, pace=20.0)) as standby:
         assert caesura.sessions(STATION) == []
@@ -467,6 +468,7 @@ def positions(caesura: Caesura, session: str) -> np.ndarray:
     return caesura.samples(STATION, session, 0.0, 60.0)["px"][:, -1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ARMS)
 def test_a_press_begins_a_demonstration_that_a_regrip_goes_on_with_and_a_release_ends(
     router, service, caesura, monkeypatch, name

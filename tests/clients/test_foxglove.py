@@ -80,6 +80,7 @@ def subscribed(viewer: Viewer) -> None:
     eventually(lambda: viewer.count("/segments") >= 1)
 
 
+@pytest.mark.slow
 def test_minutes_at_100_hz_arrive_without_loss_beside_a_viewer_that_hangs_and_one_that_leaves(station):
     seconds = 100  # 30,000 messages to each viewer: nearly twice its backlog
     rows = rows_of(seconds * RATE_HZ)

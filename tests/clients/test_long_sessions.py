@@ -62,6 +62,7 @@ def teach(caesura: Caesura, segments: int) -> None:
         bridge.run()
 
 
+@pytest.mark.slow
 def test_a_long_session_is_sent_whole(caesura: Caesura, config: ServiceConfig):
     updates: list[Update] = []
 

@@ -281,6 +281,7 @@ def test_a_controller_without_the_urcap_is_named(play, monkeypatch):
         play()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("answer", [answer for answer, _ in UNREADABLE], ids=KINDS)
 def test_while_the_width_is_unknown_the_robot_goes_on_and_no_sample_states_one(play, urcap, caplog, answer):
     states = States()

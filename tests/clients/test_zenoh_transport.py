@@ -303,6 +303,7 @@ def test_a_session_outlives_its_router(router):
         assert received(here, KEY, inbox, OTHER).key == KEY
 
 
+@pytest.mark.slow
 def test_a_router_that_hangs_is_named_and_serves_the_same_session_again_afterwards():
     """It read "no service is alive", as where only the service has ended."""
     with running(Router()) as router, ZenohTransport(router.endpoint, timeout_s=DEADLINE_S) as transport:

@@ -68,6 +68,7 @@ def test_a_simulation_that_hangs_is_ended(monkeypatch):
         simulator.run(program(*press()), "taught")
 
 
+@pytest.mark.slow
 def test_a_simulation_that_is_cancelled_ends_its_process_and_frees_the_simulator(monkeypatch):
     command = Simulator._command
     hangs = ["watch", "--connect", "tcp/127.0.0.1:1"]  # until it is killed

@@ -109,6 +109,7 @@ def test_what_is_no_recording_is_refused_with_what_was_expected(desk: RecordingD
         desk.look("u-1")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rest", [b"", b"\xcf" * 100], ids=["nothing", "rubbish"])
 def test_an_mcap_that_ends_in_its_header_is_refused_with_what_is_wrong(desk: RecordingDesk, rest: bytes):
     pytest.importorskip("mcap", reason="mcap is not installed (extra mcap)")
@@ -257,6 +258,7 @@ def test_a_bag_leaves_its_wrench_open_and_takes_the_answer(tmp_path: Path, capsy
     )
 
 
+@pytest.mark.slow
 def test_recordings_are_looked_at_one_after_the_other(desk: RecordingDesk, monkeypatch):
     """Each may take 4 GB: four at once took all that a machine has."""
     at_once: list[int] = []
@@ -395,6 +397,7 @@ def test_two_of_one_name_at_once_do_not_write_into_one_file(desk: RecordingDesk)
     assert next(desk._folder.path.glob("u-1/*")).read_bytes() == b"1" * 9
 
 
+@pytest.mark.slow
 def test_a_file_that_unfolds_to_more_than_a_machine_has_ends_its_own_process_alone(tmp_path: Path):
     file = tmp_path / "bomb.npz"
     with ZipFile(file, "w", ZIP_DEFLATED, compresslevel=1) as packed, packed.open("t.npy", "w") as array:

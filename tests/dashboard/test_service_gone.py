@@ -24,6 +24,7 @@ def state(gateway: NetworkFollower) -> str:
     return "" if one is None else one.state
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("end", ["kill", "freeze"])
 def test_a_station_without_its_service_is_stale_until_it_is_back(tmp_path, end):
     with (

@@ -106,6 +106,7 @@ WIDE = ("t", *(f"c{number}" for number in range(1, 64)))
 STILL, FAR = np.zeros(1000), np.full(1, 1e11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("times", "columns", "batches", "most_mb"),
     [

@@ -120,6 +120,7 @@ def test_whatever_can_correct_asks_for_a_password():
         assert "--insecure" not in words
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.geteuid() != 0, reason="files are given to other users")
 def test_what_is_handed_out_is_what_each_container_reads(tmp_path):
     out, authority = tmp_path / "out", tmp_path / "authority"

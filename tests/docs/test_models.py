@@ -52,6 +52,7 @@ def test_its_evidence_is_a_density(page: dict):
     assert model.log_evidence(select(rows, np.array([0])))[0] == pytest.approx(expected, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_a_model_set_of_ones_own_is_judged_beside_other_methods(page: dict):
     # The page named a class that there is not, and ended before a recording.
     tables = page["compared"](PAGE.parents[1] / "data" / "wiping.npz")

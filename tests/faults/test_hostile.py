@@ -7,6 +7,7 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -26,6 +27,7 @@ RANDOM = st.randoms(use_true_random=True)
 UNDECODABLE = (b"", b"\xc1", b"\x91" * 1000 + b"\x00", b"\xdf\xff\xff\xff\xff", bytes(1 << 20))
 
 
+@pytest.mark.slow
 @settings(QUICKLY, max_examples=100)
 @given(RANDOM)
 def test_nothing_but_a_protocol_error_leaves_the_codec(rng):
@@ -33,6 +35,7 @@ def test_nothing_but_a_protocol_error_leaves_the_codec(rng):
         read_everything(Hostile(rng).payload())
 
 
+@pytest.mark.slow
 @settings(QUICKLY, max_examples=100)
 @given(RANDOM)
 def test_nothing_raises_out_of_the_registry_and_no_other_station_notices(rng):

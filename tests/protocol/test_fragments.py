@@ -51,6 +51,7 @@ def test_what_does_not_fit_goes_in_pieces_that_do():
     assert decode(payload, encoding, Changepoints, limit=MAX_WHOLE_BYTES) == long
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(5))
 def test_order_doubles_and_another_message_between_do_not_matter(seed: int):
     one, other = changepoints(LONG, 1), changepoints(LONG, 2)

@@ -297,6 +297,7 @@ def sound() -> tuple[int, int]:
     return len(payload), peak_of(lambda: decode(payload, encoding, Changepoints))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("filling", FILLINGS.values(), ids=FILLINGS)
 def test_refusing_a_long_result_takes_less_than_reading_a_sound_one_of_that_length(filling, sound):
     length, reading = sound
@@ -438,6 +439,7 @@ def words_of(error: BaseException | None) -> str:
     return error.json(include_input=False) if isinstance(error, ValidationError) else str(error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", LONG_RESULTS, ids=lambda model: model.__name__)
 def test_what_a_result_is_refused_for_is_not_written_out_wherever_it_is_wrong(model):
     """A million bytes in the `do` of a correction took 144 ms: all of them were in the error."""

@@ -223,6 +223,7 @@ def test_a_dense_batch_and_an_edit_in_slices_say_what_they_say_at_once_and_no_vi
     assert isinstance(answer(sliced.handle_command(STATION, opening, 4.0)), Ack)
 
 
+@pytest.mark.slow
 def test_no_piece_of_a_batch_in_which_everything_is_a_segment_is_a_large_part_of_it():
     columns, rng = ("t", "px", "py", "pz"), np.random.default_rng(0)
     t = 0.059 * np.arange(2 * 1000)

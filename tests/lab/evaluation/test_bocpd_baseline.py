@@ -52,6 +52,7 @@ def test_evidence_is_the_product_of_predictives(prior: NormalInverseWishart):
         assert evidence.ending_at(t) == pytest.approx(expected, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("least", [1, 3])
 @pytest.mark.parametrize("prior", [ONE, TWO], ids=["one", "two"])
 @pytest.mark.parametrize("seed", range(4))

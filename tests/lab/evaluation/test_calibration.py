@@ -191,6 +191,7 @@ def test_the_diagram_shows_each_bin_at_its_share():
     assert shown[0].get_ydata() == pytest.approx([1.0, 0.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["svg", "png"])
 def test_the_command_prints_tables_and_draws(tmp_path: Path, suffix: str):
     file = tmp_path / f"reliability.{suffix}"

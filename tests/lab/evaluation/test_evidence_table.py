@@ -104,6 +104,7 @@ def test_a_recording_needs_no_annotation(tmp_path: Path, button: LibraryEvidence
     assert one["log_evidence"] == pytest.approx(button.log_evidence)
 
 
+@pytest.mark.slow
 def test_a_refused_recording_is_left_out_and_named(tmp_path: Path, button: LibraryEvidence):
     # It ended the comparison of all recordings without a figure.
     content = dict(np.load(BUTTON))

@@ -282,6 +282,7 @@ def test_the_rows_of_the_integrated_model_are_also_judged_with_the_nu0_of_its_ow
     assert {row.name for row in ROWS if printed.measures(row)} == judged == {"R10", "R11", "R13"}
 
 
+@pytest.mark.slow
 def test_an_online_row_is_measured_with_the_preset_of_its_setting(monkeypatch: pytest.MonkeyPatch):
     asked = []
 
@@ -298,12 +299,14 @@ def test_an_online_row_is_measured_with_the_preset_of_its_setting(monkeypatch: p
     assert asked == ["integrated", "integrated_tab_4_5"]
 
 
+@pytest.mark.slow
 def test_the_thesis_three_points_come_out_on_a_simulated_demonstration():
     only = SuiteSetting("overdamped", rows=("R4",))
     (outcome,) = run_task(Task(SuiteDemonstration("three_point", 101, "overdamped"), (only,)))["overdamped"]
     assert outcome == RowOutcome("R4", 101, 6, ())
 
 
+@pytest.mark.slow
 def test_the_command_shows_the_same_in_every_format(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     small = tuple(replace(setting, rows=("R4",)) for setting in MAIN)
     monkeypatch.setattr(suite, "tasks", lambda seeds: tasks(seeds, small))

@@ -457,6 +457,7 @@ def test_a_stroke_has_another_force_in_its_rests(robot: Robot) -> None:
     assert medians == pytest.approx([14.0, 9.0, 5.0], rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_stroke_over_a_crown_takes_its_time_and_keeps_its_force(robot: Robot) -> None:
     """Its way up passed for something that gives way: it took half as long again, without force control."""
     scenario = SCENARIOS["contour"]
@@ -561,6 +562,7 @@ def passing(pause_s: float, speed_m_per_s: float = 0.1) -> RunResult:
     return executed(in_a_line(pause_s, speed_m_per_s), PRESSING)
 
 
+@pytest.mark.slow
 def test_a_robot_goes_on_where_the_hand_did_and_stops_where_it_paused(robot: Robot) -> None:
     """It stopped at every target: five times in a row of strokes that a hand lifted without a stop."""
     for pause_s, least, most in ((0.0, 0.09, 0.11), (0.3, 0.0, 0.005)):

@@ -104,6 +104,7 @@ def test_an_order_of_quaternions_that_was_assumed_is_assumed_in_a_copy(tmp_path,
         np.savez(tmp_path / "open.npz", **left)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["mcap", "csv", "npz"])
 def test_the_command_exports_and_segment_gives_the_same_numbers(tmp_path, suffix):
     short = load_recording(DATA / "pick_and_place.npz")

@@ -55,6 +55,7 @@ def with_gap(recording: Recording, t0: float, tn: float) -> Recording:
     )
 
 
+@pytest.mark.slow
 def test_every_chosen_changepoint_is_as_probable_as_the_drawn_ones_around_it(
     recording: Recording, content: ReportData
 ):

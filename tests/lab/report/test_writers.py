@@ -88,6 +88,7 @@ class Page(HTMLParser):
             self.rows[-1][-1] += data
 
 
+@pytest.mark.slow
 def test_pdf_has_a_page_for_signals_path_tables_and_run_lengths(pdf: bytes):
     assert pdf.startswith(b"%PDF-")
     assert len(re.findall(rb"/Type /Page\b(?!s)", pdf)) == 4

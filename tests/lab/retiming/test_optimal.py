@@ -50,6 +50,7 @@ def programs(robot: Robot) -> dict[str, tuple[ProgramFile, ProgramFile]]:
     return {name: (one, optimal(one, robot=robot)) for name, one in taught.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_every_joint_keeps_to_its_limits_at_1_khz(
     name: str, programs: dict[str, tuple[ProgramFile, ProgramFile]], robot: Robot

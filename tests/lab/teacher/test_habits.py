@@ -130,6 +130,7 @@ def test_tracing_by_ideal_people_is_two_traces_between_two_moves() -> None:
     assert len(traces) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [11, 12])
 def test_the_truth_of_guided_movements_has_contacts_as_before(seed: int) -> None:
     demonstration: Demonstration = natural("dispenser", seed)
@@ -138,6 +139,7 @@ def test_the_truth_of_guided_movements_has_contacts_as_before(seed: int) -> None
     assert len(demonstration.truth["forces"]) == 2
 
 
+@pytest.mark.slow
 def test_some_presses_are_brief() -> None:
     shortest = []
     for seed in (21, 23):

@@ -67,6 +67,7 @@ def test_peaks_and_dips_of_a_speed() -> None:
     assert clear_dips(0.2 + two) == []
 
 
+@pytest.mark.slow
 def test_the_table_has_a_column_a_set_and_a_line_a_statistic(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -83,6 +83,7 @@ def test_topics_of_their_own_give_the_segments_of_the_npz(demonstration, tmp_pat
     assert_same(load_recording(file, wrench_source=SENSOR), found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("storage", STORAGES)
 def test_a_franka_robot_state_has_every_signal(demonstration, tmp_path, storage):
     expected = whole(demonstration)

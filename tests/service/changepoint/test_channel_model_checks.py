@@ -83,6 +83,7 @@ def test_a_first_observation_that_is_the_origin_says_the_same_wherever_it_lies(e
     assert evidence_of(entry, values + 40.0) == pytest.approx(evidence_of(entry, values), abs=1e-9)
 
 
+@pytest.mark.slow
 @that(APART)
 def test_all_observations_of_free_space_together_sum_to_one(entry: Entry) -> None:
     """Of two, the mean and the difference are independent, so that each can be summed by itself."""
@@ -138,6 +139,7 @@ def test_weights_only_take_away(entry: Entry) -> None:
     assert (np.diff(taken[1 : taken.size - unweighed]) < 0.0).all()
 
 
+@pytest.mark.slow
 @that(GIVEN_TARGET)
 def test_given_its_target_what_lies_before_sums_to_what_the_last_residual_is_worth(entry: Entry) -> None:
     """With a target the rest sums to a weight below 1, for the target's own residual is weighed, not counted.
@@ -276,6 +278,7 @@ def test_after_a_contact_the_level_is_new() -> None:
 # Pure, independent, serialisable, seeded, constant work
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EVERYTHING)
 def test_a_model_is_pure_its_hypotheses_are_independent_and_it_can_be_stored(name: str) -> None:
     channel_model_checks.check_pure(EVERYTHING[name], observations(8))

@@ -134,6 +134,7 @@ def test_every_hazard(hazard: Hazard) -> None:
     follow(PRESETS["force"].lattice(), pieces(np.random.default_rng(3), 60), FilterParameters(), hazard)
 
 
+@pytest.mark.slow
 def test_a_segment_longer_than_the_tables_and_no_node_too_many() -> None:
     still = [(ModelInput(np.zeros(3), np.zeros(3)), False)] * 300  # the tables are too short three times
     compiled = follow(PRESETS["default"].lattice(), still, FilterParameters(window=10))
@@ -187,6 +188,7 @@ def test_conditioning_on_any_start_of_the_best_segmentation() -> None:
             )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["default", "integrated"])
 def test_what_is_known_of_starts(name: str) -> None:
     rng = np.random.default_rng(6)

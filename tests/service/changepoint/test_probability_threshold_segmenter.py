@@ -64,6 +64,7 @@ def test_there_is_one_probability_an_observation():
         threshold_path(PRESETS["force"].lattice(), demonstration(0)[:3], [1.0, 0.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("seed", [0, 1])
 def test_offline_and_online_decide_as_the_marginals_of_all_segmentations(name: str, seed: int):
@@ -82,6 +83,7 @@ def test_offline_and_online_decide_as_the_marginals_of_all_segmentations(name: s
         check_same(online.path(), expected)
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None, derandomize=True)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(NAMES), st.sampled_from([2, 10, 40]))
 def test_what_is_kept_on_the_way_is_what_the_whole_would_give_and_final_stays(

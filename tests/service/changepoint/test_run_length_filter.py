@@ -227,6 +227,7 @@ SMALL = st.builds(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None, derandomize=True)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(sorted(PRESETS)), SMALL)
 def test_what_is_final_is_never_revised(seed: int, name: str, parameters: FilterParameters) -> None:

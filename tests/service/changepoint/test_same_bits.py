@@ -55,6 +55,7 @@ def test_among_other_sessions(name: str) -> None:
     assert bits(name, crowded=True) == bits(name, crowded=False)
 
 
+@pytest.mark.slow
 def test_in_another_process() -> None:
     here = [bits(name, crowded=False) for name in NAMES]
     assert len(set(here)) == len(NAMES)

@@ -77,6 +77,7 @@ def traced_in_contact(mean_m_per_s: float, slips_hz: float, source: WrenchSource
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", ["joint_torque_estimate", "flange_sensor"])
 @pytest.mark.parametrize("mean_m_per_s", [0.01, 0.02])
 @pytest.mark.parametrize("slips_hz", [3.0, 4.0])

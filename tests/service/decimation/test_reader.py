@@ -37,6 +37,7 @@ def advancing(matrix: np.ndarray) -> np.ndarray:
     return matrix[matrix[:, 0] > highest]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "wanted",
     [

@@ -7,6 +7,7 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -82,6 +83,7 @@ def undisturbed() -> tuple[object, ...]:
 EXPECTED = undisturbed()
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=40)
 @given(steps)
 def test_a_crash_leaves_the_fold_over_what_was_committed_and_the_ring_restores_the_rest(taken):

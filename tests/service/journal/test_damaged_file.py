@@ -112,6 +112,7 @@ def flipped(file: Path, rng: random.Random, count: int) -> Iterator[int]:
         yield bit // 8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("made", "suffix", "count"),
     [("written", "", FILE_FLIPS), ("left", "-wal", LOG_FLIPS)],
@@ -379,6 +380,7 @@ with SqliteJournal(path) as journal:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(COMPILER is None, reason=NO_COMPILER)
 @pytest.mark.parametrize("only_once", [1, 0])
 def test_a_session_that_cannot_be_read_just_then_is_not_set_aside(tmp_path, only_once):

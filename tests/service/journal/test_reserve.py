@@ -112,6 +112,7 @@ def disk(tmp_path: Path) -> Iterator[Path]:
         subprocess.run(["umount", where], check=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("records", "free"),
     [(14_000, None), (26_000, None), (26_000, 1 << 40)],
@@ -197,6 +198,7 @@ def refused(journal: SqliteJournal, session: str = "new", count: int = 20_000) -
     eventually(lambda: journal.report().trouble is not None)
 
 
+@pytest.mark.slow
 def test_samples_are_written_again_before_all_deletions_are_done(disk):
     """They waited for all of them: a day of sessions takes longer than bridges keep samples."""
     path = disk / "caesura-1.sqlite"
@@ -216,6 +218,7 @@ def test_samples_are_written_again_before_all_deletions_are_done(disk):
         assert journal.report().trouble is None
 
 
+@pytest.mark.slow
 def test_each_deletion_on_a_disk_that_stays_full_makes_room(disk):
     """The reserve served the first one: after it `deleted` was said, and nothing could be written."""
     path = disk / "caesura-1.sqlite"

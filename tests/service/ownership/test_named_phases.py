@@ -72,6 +72,7 @@ def groups(registry: Registry) -> list[str]:
     return [one.name for one in document(shown.program, phases=shown.segments.phases).groups]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_closed", [False, True])
 def test_a_phase_that_is_taught_again_keeps_its_name_also_after_a_replay(tmp_path: Path, is_closed: bool):
     with SqliteJournal(tmp_path / "a.sqlite", JournalSettings()) as journal:

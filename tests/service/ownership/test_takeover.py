@@ -437,6 +437,7 @@ steps = st.lists(
 )
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=50)
 @given(steps)
 def test_whatever_happens_between_two_instances_the_session_ends_like_an_undisturbed_one(steps):

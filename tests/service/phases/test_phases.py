@@ -490,6 +490,7 @@ def test_final_phases_stay_and_looks_do_not_matter() -> None:
     assert look(looked, segments, settled)[1] == rest
 
 
+@pytest.mark.slow
 def test_what_is_kept_does_not_grow() -> None:
     segments = session(60)
     tracker = PhaseTracker(CHAIN, straight(segments))

@@ -176,6 +176,7 @@ def test_the_first_posture_points_the_flange_down_over_x(name: str) -> None:
     assert abs(found.position_base[1]) < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ARMS)
 def test_ninety_nine_of_a_hundred_reachable_poses_are_found(name: str) -> None:
     # tests/bench/ik_rate.py has 1,000 poses an arm.

@@ -361,6 +361,7 @@ def strokes(seconds: float, end: int | None = None, at_once: int = 1) -> Pipelin
     return pipeline
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("end", range(277, 284))
 def test_a_corrected_session_is_finished_wherever_it_ends(end: int):
     """Settled segments are stored every 150 observations, also at the last one."""

@@ -58,6 +58,7 @@ def said(view: PipelineView, begun_s: float = 0.0) -> tuple[list[str], list[floa
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["pick_and_place", "wiping"])
 @pytest.mark.parametrize(
     "change", [elsewhere, a_day_later, in_millimetres, with_other_tool_axes], ids=lambda one: one.__name__

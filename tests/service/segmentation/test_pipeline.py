@@ -436,6 +436,7 @@ def test_a_program_that_is_left_is_made_as_it_would_have_been_and_is_as_before_u
     assert len(apart.view.apps) > 1
 
 
+@pytest.mark.slow
 def test_phases_hold_every_segment_and_a_final_one_is_never_revised(monkeypatch: pytest.MonkeyPatch):
     wiping, now_and_then = load_recording(DATA / "wiping.npz"), shown_of("wiping")
     monkeypatch.setattr("caesura_service.segmentation.pipeline.PROGRAM_EVERY", 1)

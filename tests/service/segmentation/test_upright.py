@@ -117,6 +117,7 @@ def test_a_mounting_changes_no_boundary_no_kind_and_no_load(name, mounting):
     assert_turned(segmented(mounted(name, up)), on_a_table(name, 0.0), up)
 
 
+@pytest.mark.slow
 @settings(max_examples=4, deadline=None)
 @given(
     up=st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda up: np.linalg.norm(up) > 0.1 and any(up[:2])),
@@ -200,6 +201,7 @@ def test_a_correction_is_the_same_on_every_mounting():
 # --- its parts ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_numpy_and_compiled_code_agree_on_a_tilted_base():
     seen = condition(mounted("dispenser", MOUNTINGS["leaning"]))
     preset = PRESETS["default"]

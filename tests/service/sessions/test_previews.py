@@ -83,6 +83,7 @@ def test_a_preview_is_neither_recorded_nor_published_and_changes_no_later_result
     assert asking.registry.counters == quiet.registry.counters
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "action",
     [

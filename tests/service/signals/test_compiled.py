@@ -33,6 +33,7 @@ def assert_agree(compiled: ConditioningOutput, reference: ConditioningOutput) ->
     assert compiled[1:] == reference[1:]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS)
 @settings(max_examples=25, deadline=None)
 @given(

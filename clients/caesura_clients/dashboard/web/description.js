@@ -2,6 +2,7 @@
 //
 // `filled` has the texts that the fields were filled with: a change says what it was typed over, so that it
 // does not overwrite what another operator has stated in the same field meanwhile.
+import { storedAuthor } from "caesura-dashboard/author.js";
 import { changes as counted } from "caesura-dashboard/clicks.js";
 import Conflict from "caesura-dashboard/conflict.js";
 import { live } from "caesura-dashboard/live.js";
@@ -13,7 +14,7 @@ import { unsaved } from "caesura-dashboard/unsaved.js";
 const requests = unanswered("description");
 const UNANSWERED = "Not saved: this page was left or loaded again before that.";
 const NARROW = matchMedia("(max-width: 40rem)");
-const AUTHOR = "caesura-author", OPEN = "caesura-description"; // of the page of a station, as it was left
+const OPEN = "caesura-description"; // of the page of a station, as it was left
 const empty = () => ({ task: null, operator: null, note: null, tags: [], success: null, deleted: false });
 const asTags = (text) => [...new Set(text.split(",").map((one) => one.trim()).filter(Boolean))];
 const asLine = (text) => text.trim() || null;
@@ -143,7 +144,7 @@ export default {
       if (this.asked.length === 1) this.ask();
     },
     ask() {
-      const author = (localStorage.getItem(AUTHOR) || "").trim(), { session, changes, before, rest } = this.asked[0];
+      const author = storedAuthor(), { session, changes, before, rest } = this.asked[0];
       this.$emit("ask", { type: "describe", author, session, before: { ...rest, ...before }, description: { ...rest, ...changes } });
     },
     answered(message, failed, found = null) { // found: what another operator has set meanwhile

@@ -1,3 +1,4 @@
+import { storeAuthor, storedAuthor } from "caesura-dashboard/author.js";
 import { changes } from "caesura-dashboard/clicks.js";
 import Conflict from "caesura-dashboard/conflict.js";
 import { live } from "caesura-dashboard/live.js";
@@ -14,7 +15,6 @@ import { unsaved } from "caesura-dashboard/unsaved.js";
 const requests = unanswered("program-edit");
 const UNANSWERED = "An edit was asked for before this page was loaded again, and no answer came: make it again if it is not listed below.";
 const OUTDATED = "Not done. The program has been edited since: look at what is there now.";
-const AUTHOR = "caesura-author";
 const NEAR = 60; // pixels
 const LISTED = 100; // apps at a time, as `program_timeline.py` has it
 const PLACES = ["move", "insert", "duplicate"]; // edits by which an app beside another gets or changes its place
@@ -185,7 +185,7 @@ export default {
       Object.assign(this, { name, nameSeen: name, nameConflict: null });
     },
     say(action, seen = null, answered = null) { // with the name that corrections have too. seen: of which a form was filled
-      const author = (localStorage.getItem(AUTHOR) || "").trim();
+      const author = storedAuthor();
       if (!author) return this.askName([action, seen, answered]);
       changes();
       Object.assign(this, { busy: true, message: "", failed: false, refusedAt: null, afterwards: answered });
@@ -210,8 +210,7 @@ export default {
     sign() {
       const [action, name] = [this.asked, this.draft.trim()];
       if (!name) return;
-      localStorage.setItem(AUTHOR, name);
-      window.dispatchEvent(new CustomEvent(AUTHOR, { detail: name }));
+      storeAuthor(name);
       this.asked = null;
       this.say(...action);
     },

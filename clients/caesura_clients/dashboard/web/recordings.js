@@ -1,7 +1,8 @@
 // A recording is dropped or chosen, sent, looked at; what it leaves open is a form; then it is played as a session.
+import { storedAuthor } from "caesura-dashboard/author.js";
 import { live } from "caesura-dashboard/live.js";
 
-const OPERATOR = "caesura-author", ANSWERS = "caesura-recording-answers";
+const ANSWERS = "caesura-recording-answers";
 const WORDS = {
   t: "time", pos: "flange position", quat: "flange orientation", rotation_vector: "orientation as axis times angle",
   roll_pitch_yaw: "orientation as roll, pitch, yaw", q: "joints", force: "force", torque: "moment",
@@ -212,7 +213,7 @@ export default {
         ...form, force_frame: form.force_frame || null, wrench_source: this.hasWrench ? form.wrench_source || null : null, robot: form.robot || null, up: form.up || null, columns, units, sure,
         declared: this.found.header ? {} : filled(this.declared), delimiter: this.found.delimiter || ",", decimal: this.found.decimal || ".",
       };
-      const operator = (localStorage.getItem(OPERATOR) || "").trim();
+      const operator = storedAuthor();
       Object.assign(this, { state: "asking", message: "", failed: false });
       this.$emit("ask", { do: "play", upload: this.upload, station, session, task: task.trim(), operator, answers });
     },

@@ -1,10 +1,10 @@
 // Every session that the service holds: searched, filtered and sorted in the browser.
+import { storedAuthor } from "caesura-dashboard/author.js";
 import { changes } from "caesura-dashboard/clicks.js";
 import { live } from "caesura-dashboard/live.js";
 import { dayAndTime } from "caesura-dashboard/numbers.js";
 import Staying from "caesura-dashboard/staying.js";
 
-const AUTHOR = "caesura-author";
 const ARRIVES_MS = 5000; // by then the list of the service has what was changed here
 
 const COLUMNS = [
@@ -107,7 +107,7 @@ export default {
       const before = { task: task || null, operator: operator || null, note: note || null, tags, success, deleted: !deleted };
       changes();
       Object.assign(this, { isDeleting: true, changed: { name: this.nameOf(one), words: named(one), deleted }, outcome: deleted ? "Deleting …" : "Restoring …", refused: false });
-      const author = (localStorage.getItem(AUTHOR) || "").trim();
+      const author = storedAuthor();
       this.$emit("ask", { station, request: { type: "describe", author, session, before, description: { ...before, deleted } } });
     },
     undo() {

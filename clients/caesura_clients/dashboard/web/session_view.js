@@ -1,4 +1,5 @@
 // A session: the plots with everything that can be done in them, and the tools that correct what was found.
+import { AUTHOR } from "caesura-dashboard/author.js";
 import { contextOf, inkOf, Painter, watchLook } from "caesura-dashboard/canvas.js";
 import { changes } from "caesura-dashboard/clicks.js";
 import { clock, isOfDay } from "caesura-dashboard/clock.js";
@@ -29,7 +30,7 @@ const UNANSWERED = "A correction was asked for before this page was loaded again
 const OUTDATED = "Not done. The session has been corrected since: look at what is there now.";
 const UNSELECTED = "No changepoint is selected: Page ↑ and Page ↓ select one.";
 const HELD_COLUMNS = 3000; // of run lengths: five minutes
-const AUTHOR = "caesura-author", SHOWN = "caesura-signals";
+const SHOWN = "caesura-signals";
 const ROUNDED = 5e-4; // [s] by which the times of rows are off
 const PLAY_S = 0.1, LISTED = 30;
 // What a hint says where a finger points, and where a mouse does.

@@ -1,10 +1,10 @@
 // Start and Stop of a station: two large buttons, and the reason beside one that cannot be pressed.
+import { AUTHOR, storeAuthor } from "caesura-dashboard/author.js";
 import { changes } from "caesura-dashboard/clicks.js";
 import { live } from "caesura-dashboard/live.js";
 import Staying from "caesura-dashboard/staying.js";
 import { unanswered } from "caesura-dashboard/unanswered.js";
 
-const OPERATOR = "caesura-author";
 const WORDS = { ready: "Ready", starting: "Starting …", teaching: "Teaching", stopping: "Storing …", failed: "Not ready" };
 // States of the bridge in which the refusal of a press has nothing to say any more.
 const PAST = { start: ["stopping", "failed"], stop: ["ready", "failed"] };
@@ -19,7 +19,7 @@ export default {
   emits: ["ask"],
   data: () => ({
     station: "", state: "", session: "", canStart: false, canStop: false, seen: "", said: "", why: "", outcome: "", tasks: [], t: 0, offers: false, wide: WIDE.matches,
-    task: "", operator: localStorage.getItem(OPERATOR) || "", typed: false, message: "", failed: false,
+    task: "", operator: localStorage.getItem(AUTHOR) || "", typed: false, message: "", failed: false,
     pressed: "", unanswered: [], refusedIn: "", // the last press, those without an answer, and the session of the refusal
     held: null, // the session on which a pointer has pressed Stop, until it is released
   }),
@@ -58,8 +58,7 @@ export default {
   },
   watch: {
     operator(name) { // who teaches also corrects, unless another name stands there
-      localStorage.setItem(OPERATOR, name);
-      window.dispatchEvent(new CustomEvent(OPERATOR, { detail: name }));
+      storeAuthor(name);
     },
   },
   methods: {

@@ -1,0 +1,11 @@
+// The name under which this browser teaches and corrects: every page and part of a page has the same one.
+export const AUTHOR = "caesura-author"; // in the browser's store, and of the event that states another name
+
+export function storedAuthor() {
+  return (localStorage.getItem(AUTHOR) || "").trim();
+}
+
+export function storeAuthor(name) { // other parts of the page are notified
+  localStorage.setItem(AUTHOR, name);
+  window.dispatchEvent(new CustomEvent(AUTHOR, { detail: name }));
+}

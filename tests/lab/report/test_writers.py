@@ -235,7 +235,7 @@ def test_the_command_finds_the_truth_beside_the_recording(
 def test_an_annotation_of_an_earlier_recording_is_refused_and_can_be_left_out(
     tmp_path: Path, drawn: list[tuple[ReportData, Path]]
 ):
-    """Whoever had cut the recording anew had to move the annotation away to see a report."""
+    """An annotator who had cut the recording anew had to move the annotation away to see a report."""
     guided().save(tmp_path / "taught.npz")
     made_for = {"file": "taught.npz", "sha256": "0" * 64}
     annotation = {"window": [0, 3], "changepoints": [], "recording": made_for}

@@ -60,7 +60,7 @@ def newtons(apps: tuple[App, ...]) -> list[float]:
 def test_a_load_whose_weight_goes_over_to_a_support_is_set_down_without_a_press(
     seconds: float, ends: bool
 ) -> None:
-    """A carry of 2 kg that was put down was a carry and a press of 4 to 20 N, which nobody pressed."""
+    """A carry of 2 kg that was put down was a carry and a press of 4 to 20 N, which was not taught."""
     apps = set_down(lambda t: WEIGHT_N * min(t / seconds, 1.0), ends=ends)
     assert kinds(apps) == ["transport", "hold", *["cartesian_motion"] * (not ends)]
     assert [app.load_kg for app in apps[:2]] == pytest.approx([KG, KG])

@@ -278,7 +278,7 @@ def test_a_damaged_outcome_is_logged_once_however_often_it_is_asked_for(tmp_path
 
 
 def test_a_damaged_outcome_is_logged_before_a_client_can_learn_of_it(tmp_path: Path, monkeypatch):
-    """Whoever read that a session is damaged, and then the log, found no line."""
+    """A client that read that a session is damaged, and then the log, found no line."""
     write_short_sessions(tmp_path, [("cell-1", name) for name in NAMES[:3]])
     path = tmp_path / "caesura-1.sqlite"
     with journal_file(path) as file:

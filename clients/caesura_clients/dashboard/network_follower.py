@@ -317,10 +317,10 @@ class NetworkFollower(RepeatingThreads):
         if station not in self._rings and len(self._rings) >= STATIONS:
             self._forget_longest_silent()
         newest, known = float(matrix[-1, 0]), self.received.get(station)
-        was_sent_again = known is not None and known.session == batch.session and newest <= known.t
-        if not was_sent_again:
-            is_known = known is not None and known.session == batch.session
-            first = known.first if known is not None and is_known else float(matrix[0, 0])
+        if known is not None and known.session != batch.session:
+            known = None
+        if known is None or newest > known.t:  # else it was sent again
+            first = float(matrix[0, 0]) if known is None else known.first
             self.received[station] = NewestSamples(self.clock(), newest, batch.session, first)
         self._rings.setdefault(station, SignalRing()).receive(batch.session, batch.columns, batch.seq, matrix)
 

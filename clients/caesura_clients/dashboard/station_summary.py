@@ -113,9 +113,7 @@ class NewestSamples:
     at: float  # [s] monotonic
     t: float  # [s] session time
     session: str
-    first: float = (
-        0.0  # [s] session time of the first one that was received; a robot's clock may begin anywhere
-    )
+    first: float = 0.0  # [s] session time of the first one received; a robot's clock may begin anywhere
 
 
 @dataclass(frozen=True)

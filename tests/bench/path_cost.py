@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from caesura_protocol.formats.read import load_recording
 from caesura_service.offline_segmentation import views
-from caesura_service.program.paths import TOLERANCE_M, TOLERANCE_RAD, VIA_SHARE, Paths, reduced
+from caesura_service.program.apps.paths import TOLERANCE_M, TOLERANCE_RAD, VIA_SHARE, Paths, reduced
 from caesura_service.segmentation.pipeline import SegmentationPipeline
 
 DATA = Path(__file__).parents[2] / "data"

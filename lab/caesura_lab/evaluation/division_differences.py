@@ -19,9 +19,9 @@ from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.app_time_shifts import TURNED_M
 from caesura_protocol.recording import Recording
 from caesura_protocol.rotations import turned_along
-from caesura_service.program.joined_movements import NEAR_S
+from caesura_service.program.forces.stroke_forces import STROKE_REST_S
+from caesura_service.program.interpretation.joined_movements import NEAR_S
 from caesura_service.program.program_segment import OBSERVED_S
-from caesura_service.program.stroke_forces import STROKE_REST_S
 
 AROUND_S = 0.3  # a movement may slow down a little earlier or later in its run
 SLOWED_SHARE = 0.15  # of the hand's speed beside a division, by which hand and robot may differ there

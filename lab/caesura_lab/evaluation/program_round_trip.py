@@ -42,7 +42,7 @@ from caesura_protocol.programs.document import document_of_apps
 from caesura_protocol.programs.document_timing import RunSpeed
 from caesura_protocol.programs.safety import CellSettings, Safety
 from caesura_protocol.recording import Recording
-from caesura_service.program.pressed_force import pressed_from
+from caesura_service.program.forces.pressed_force import pressed_from
 from caesura_service.program.program_segment import PUSHES_BACK_N
 
 Array = NDArray[np.float64]

@@ -1,14 +1,22 @@
 """Task programs: segments and gripper events become apps that a robot can run."""
 
 from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
-from caesura_service.program.app_builder import task_program
-from caesura_service.program.carried_loads import away_from_contacts
-from caesura_service.program.contacts import may_press_in
+from caesura_service.program.apps.app_builder import task_program
+from caesura_service.program.apps.paths import Paths
 from caesura_service.program.gaps import Gaps, observed_share
-from caesura_service.program.joined_movements import is_end_of_movement
-from caesura_service.program.joined_strokes import may_end_movement
-from caesura_service.program.left_out import BEGINS_MOVING, ENDS_MOVING, detours, left_out_note
-from caesura_service.program.paths import Paths
+from caesura_service.program.interpretation.carried_loads import away_from_contacts
+from caesura_service.program.interpretation.contacts import may_press_in
+from caesura_service.program.interpretation.joined_movements import is_end_of_movement
+from caesura_service.program.interpretation.joined_strokes import may_end_movement
+from caesura_service.program.interpretation.regrips import with_regrips
+from caesura_service.program.interpretation.segment_interpretation import kept_steps
+from caesura_service.program.notes.left_out import BEGINS_MOVING, ENDS_MOVING, detours, left_out_note
+from caesura_service.program.notes.turned_biases import turned_biases_note
+from caesura_service.program.notes.unreproduced_finger_motion import unreproduced_finger_motion
+from caesura_service.program.notes.unreproduced_load_changes import unreproduced_load_changes_note
+from caesura_service.program.notes.unreproduced_pulls import unreproduced_pulls_note
+from caesura_service.program.notes.unreproduced_torques import unreproduced_torques_note
+from caesura_service.program.notes.unreproduced_touches import unreproduced_touches_note
 from caesura_service.program.program_segment import (
     GRIP_SLACK_S,
     Context,
@@ -18,14 +26,6 @@ from caesura_service.program.program_segment import (
     ProgramSegment,
     holds,
 )
-from caesura_service.program.regrips import with_regrips
-from caesura_service.program.segment_interpretation import kept_steps
-from caesura_service.program.turned_biases import turned_biases_note
-from caesura_service.program.unreproduced_finger_motion import unreproduced_finger_motion
-from caesura_service.program.unreproduced_load_changes import unreproduced_load_changes_note
-from caesura_service.program.unreproduced_pulls import unreproduced_pulls_note
-from caesura_service.program.unreproduced_torques import unreproduced_torques_note
-from caesura_service.program.unreproduced_touches import unreproduced_touches_note
 
 __all__ = [
     "BEGINS_MOVING",

@@ -78,6 +78,11 @@ class GripperAction:
     kind: Literal["grasp", "release", "open", "close"]
     width: float | None  # [m] where the fingers settled
 
+    @property
+    def opens(self) -> bool:
+        """Whether the fingers open: at `t` they begin to move. Where they close, they have settled at `t`."""
+        return self.kind in ("release", "open")
+
     def is_near(self, t0: float, tn: float) -> bool:
         """Whether the action lies between two times [s] of a contact, or within `GRIP_SLACK_S` of them."""
         return t0 - GRIP_SLACK_S <= self.t <= tn + GRIP_SLACK_S

@@ -18,7 +18,7 @@ from caesura_service.changepoint.turn_resistance import torsion_of
 from caesura_service.coaching import ObservedPose
 from caesura_service.constants import HANDS_BREADTH_M, JOINTS_MOST, REST_M_PER_S, TARED_BIAS_N, UP
 from caesura_service.program import Moment
-from caesura_service.program.pressed_force import pressed_from
+from caesura_service.program.forces.pressed_force import pressed_from
 from caesura_service.segmentation.overflow_file import AppendLog
 from caesura_service.segmentation.screw_motion_fit import Course
 from caesura_service.signals import Observation

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from caesura_service.changepoint.segments import InferredSegment
 from caesura_service.constants import GRAVITY
-from caesura_service.program.carried_loads import HANGING_ASIDE, HANGING_N
+from caesura_service.program.interpretation.carried_loads import HANGING_ASIDE, HANGING_N
 from caesura_service.segmentation.observation_store import ObservationStore
 
 LEAST_BASELINE = 3  # observations of free space that a baseline needs

@@ -10,7 +10,7 @@ import pytest
 
 from caesura_protocol.messages import App
 from caesura_service.program import GripperAction
-from caesura_service.program.held_levels import held_levels
+from caesura_service.program.forces.held_levels import held_levels
 from service.program.segments import ACROSS, OFF, drifted, held, program, segment
 
 

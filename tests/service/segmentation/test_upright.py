@@ -23,7 +23,7 @@ from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.run_length_filter import RunLengthFilter
 from caesura_service.conditioned_recording import condition
 from caesura_service.offline_segmentation import batches, opening_of
-from caesura_service.program import carried_loads
+from caesura_service.program.interpretation import carried_loads
 from caesura_service.program.program_segment import Context, ProgramSegment
 from caesura_service.segmentation.pipeline import SegmentationPipeline, make_pipeline
 from caesura_service.segmentation.pipeline_interface import Pipeline, PipelineView

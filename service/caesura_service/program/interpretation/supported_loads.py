@@ -15,8 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.constants import GRAVITY
-from caesura_service.program.carried_loads import HANGING_N, KEPT_SHARE, as_carry_of, is_weighed_well
-from caesura_service.program.pressed_force import pressed_from
+from caesura_service.program.forces.pressed_force import pressed_from
+from caesura_service.program.interpretation.carried_loads import (
+    HANGING_N,
+    KEPT_SHARE,
+    as_carry_of,
+    is_weighed_well,
+)
 from caesura_service.program.program_segment import (
     PUSHES_BACK_N,
     TOUCHED_S,

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Segment, Vector
-from caesura_service.program.held_forces import force_aslant
-from caesura_service.program.pressed_force import pressed_from
+from caesura_service.program.forces.held_forces import force_aslant
+from caesura_service.program.forces.pressed_force import pressed_from
 from caesura_service.program.program_segment import (
     BASE_AXES,
     PUSHES_BACK_N,

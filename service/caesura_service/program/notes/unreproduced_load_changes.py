@@ -22,10 +22,10 @@ from caesura_protocol.number_words import fixed
 from caesura_protocol.rotations import angle_between
 from caesura_protocol.up_direction import UP
 from caesura_service.constants import GRAVITY, HANDS_BREADTH_M, REST_M_PER_S
-from caesura_service.program.carried_loads import CHANGED_SDS
-from caesura_service.program.largest_parts import largest_parts
+from caesura_service.program.forces.sensor_bias import WANDER_N, WANDER_S
+from caesura_service.program.interpretation.carried_loads import CHANGED_SDS
+from caesura_service.program.notes.largest_parts import largest_parts
 from caesura_service.program.program_segment import OBSERVED_S, Moment, MomentAt, observed
-from caesura_service.program.sensor_bias import WANDER_N, WANDER_S
 
 SIDE, CHANGING = 5, 2  # observations on either side of a change, and in the change at most
 DEPENDENT = 4.0  # observations of which one is independent of the others: forces stay alike for 0.2 s

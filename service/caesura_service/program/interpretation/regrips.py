@@ -22,8 +22,8 @@ from caesura_protocol.programs.held_grasps import SAME_WIDTH_M
 from caesura_protocol.programs.program_gripper import SURE_SDS
 from caesura_protocol.rotations import angle_between
 from caesura_service.constants import GRAVITY
-from caesura_service.program.carried_loads import HANGING_N, KEPT_SHARE, hangs
-from caesura_service.program.joined_strokes import LEAST_TURN_RAD, OUT_M
+from caesura_service.program.interpretation.carried_loads import HANGING_N, KEPT_SHARE, hangs
+from caesura_service.program.interpretation.joined_strokes import LEAST_TURN_RAD, OUT_M
 from caesura_service.program.program_segment import (
     Context,
     GripperAction,

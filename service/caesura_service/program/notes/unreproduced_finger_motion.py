@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.number_words import fixed, interval
-from caesura_service.program.largest_parts import largest_parts
+from caesura_service.program.notes.largest_parts import largest_parts
 from caesura_service.program.program_segment import GripperAction
 
 Array = NDArray[np.float64]
@@ -24,7 +24,6 @@ MOVED_M = 0.005  # what is held gives way by less
 BESIDE_S = 0.4  # between an event and the first or last observation of its motion
 AT_LEAST = 2  # observations: one may be a reading that is wrong
 NAMED = 3  # of them in a note, the widest ones
-BEGUN = ("release", "open")  # at whose time the fingers begin to move; the others have settled
 
 
 class _Motion(NamedTuple):
@@ -97,6 +96,4 @@ def _motion(times: Array, openings: Array, level: float) -> _Motion:
 
 def _is_explained(motion: _Motion, grips: Sequence[GripperAction], beside_s: float) -> bool:
     """Whether a motion begins with an event at which the fingers begin, or ends with one that ends it."""
-    return any(
-        abs(grip.t - (motion.began if grip.kind in BEGUN else motion.ended)) <= beside_s for grip in grips
-    )
+    return any(abs(grip.t - (motion.began if grip.opens else motion.ended)) <= beside_s for grip in grips)

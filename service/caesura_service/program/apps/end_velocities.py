@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from caesura_protocol.messages import App
 from caesura_protocol.programs.app_time_shifts import goes_on
-from caesura_service.program.paths import Paths
+from caesura_service.program.apps.paths import Paths
 
 
 def with_end_velocities(apps: Sequence[App], paths: Paths, before: App | None) -> tuple[App, ...]:

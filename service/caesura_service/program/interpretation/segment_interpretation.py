@@ -19,7 +19,8 @@ from typing import NamedTuple
 
 from caesura_protocol.messages import Vector
 from caesura_protocol.up_direction import UP
-from caesura_service.program.carried_loads import (
+from caesura_service.program.forces.sensor_bias import with_bases
+from caesura_service.program.interpretation.carried_loads import (
     as_one_hold,
     divided_at_grips,
     hanging,
@@ -29,10 +30,10 @@ from caesura_service.program.carried_loads import (
     moves_freely,
     resting,
 )
-from caesura_service.program.contacts import as_touching, set_down, still_touching
-from caesura_service.program.departures import hitting, leaving, lets_go, with_departures
-from caesura_service.program.joined_movements import with_whole_movements
-from caesura_service.program.joined_strokes import (
+from caesura_service.program.interpretation.contacts import as_touching, set_down, still_touching
+from caesura_service.program.interpretation.departures import hitting, leaving, lets_go, with_departures
+from caesura_service.program.interpretation.joined_movements import with_whole_movements
+from caesura_service.program.interpretation.joined_strokes import (
     are_one_kind,
     with_ends,
     with_last_ways,
@@ -40,6 +41,9 @@ from caesura_service.program.joined_strokes import (
     with_short_rests,
     with_whole_turns,
 )
+from caesura_service.program.interpretation.resisted_movements import with_resisted_movements
+from caesura_service.program.interpretation.spring_pulls import pulled
+from caesura_service.program.interpretation.supported_loads import with_supported_loads
 from caesura_service.program.program_segment import (
     ROUNDED_S,
     Context,
@@ -48,10 +52,6 @@ from caesura_service.program.program_segment import (
     ProgramSegment,
     holds,
 )
-from caesura_service.program.resisted_movements import with_resisted_movements
-from caesura_service.program.sensor_bias import with_bases
-from caesura_service.program.spring_pulls import pulled
-from caesura_service.program.supported_loads import with_supported_loads
 
 Stage = Callable[[Sequence[ProgramSegment], Context], list[ProgramSegment]]
 

@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Vector
-from caesura_service.program.carried_loads import HANGING_N, KEPT_SHARE, hangs
-from caesura_service.program.joined_strokes import DECAY_REACH_M, OUT_M, OUT_SHARE
-from caesura_service.program.pressed_force import pressed_from
+from caesura_service.program.forces.pressed_force import pressed_from
+from caesura_service.program.forces.sensor_bias import base_after
+from caesura_service.program.interpretation.carried_loads import HANGING_N, KEPT_SHARE, hangs
+from caesura_service.program.interpretation.joined_strokes import DECAY_REACH_M, OUT_M, OUT_SHARE
 from caesura_service.program.program_segment import (
     ARRIVES_M,
     PUSHES_BACK_N,
@@ -34,7 +35,6 @@ from caesura_service.program.program_segment import (
     length,
     observed,
 )
-from caesura_service.program.sensor_bias import base_after
 
 LASTING = 5  # observations over which a force is averaged
 

@@ -18,7 +18,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Vector
-from caesura_service.program.held_forces import HELD_LOOKS, decimation, forces_felt, other_force_n
+from caesura_service.program.forces.held_forces import HELD_LOOKS, decimation, forces_felt, other_force_n
 from caesura_service.program.program_segment import (
     PUSHES_BACK_N,
     ROUNDED_S,

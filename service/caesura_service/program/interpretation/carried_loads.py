@@ -21,7 +21,7 @@ from caesura_protocol.programs.program_gripper import SHUT_M, SURE_SDS
 from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
 from caesura_protocol.rotations import angle_between
 from caesura_service.constants import GRAVITY
-from caesura_service.program.joined_strokes import LEAST_TURN_RAD, NOWHERE_M, OUT_M
+from caesura_service.program.interpretation.joined_strokes import LEAST_TURN_RAD, NOWHERE_M, OUT_M
 from caesura_service.program.program_segment import (
     ARRIVES_M,
     KINDS,

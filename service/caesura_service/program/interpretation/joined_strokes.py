@@ -20,6 +20,18 @@ from caesura_protocol.messages import ScrewMotion
 from caesura_protocol.rotations import angle_between
 from caesura_protocol.screw_torque_and_text import exerted, stop_torque_nm, torque_about_axis
 from caesura_service.constants import HANDS_BREADTH_M, TURN_SHARE
+from caesura_service.program.forces.stroke_forces import (
+    NO_FORCES,
+    STROKE_REST_S,
+    ToolForces,
+    force_of_rests,
+    pressed_force,
+    pushing_force,
+    rest_force_n,
+    same_side,
+    stroke_force,
+    tool_forces,
+)
 from caesura_service.program.program_segment import (
     OBSERVED_S,
     PUSHES_BACK_N,
@@ -33,18 +45,6 @@ from caesura_service.program.program_segment import (
     length,
     observed,
     slows_at,
-)
-from caesura_service.program.stroke_forces import (
-    NO_FORCES,
-    STROKE_REST_S,
-    ToolForces,
-    force_of_rests,
-    pressed_force,
-    pushing_force,
-    rest_force_n,
-    same_side,
-    stroke_force,
-    tool_forces,
 )
 
 NOWHERE_M = 0.01  # a movement shorter than this leads nowhere

@@ -11,9 +11,10 @@ from typing import Any
 from caesura_protocol.app_kinds import AppKind
 from caesura_protocol.messages import App, Contact, Segment, Vector
 from caesura_protocol.screw_torque_and_text import exerted
-from caesura_service.program.contacts import pushes_back
-from caesura_service.program.joined_strokes import only_touches, stands
-from caesura_service.program.paths import Paths
+from caesura_service.program.apps.paths import Paths
+from caesura_service.program.forces.stroke_forces import has_own_force
+from caesura_service.program.interpretation.contacts import pushes_back
+from caesura_service.program.interpretation.joined_strokes import only_touches, stands
 from caesura_service.program.program_segment import (
     GRIP_SLACK_S,
     OBSERVED_S,
@@ -24,7 +25,6 @@ from caesura_service.program.program_segment import (
     length,
     observed,
 )
-from caesura_service.program.stroke_forces import has_own_force
 
 SETTLES_S = 0.15  # after a turn, until the hand is still
 UNCHANGED: Mapping[str, object] = MappingProxyType({})

@@ -32,8 +32,8 @@ from caesura_protocol.programs.program_gripper import GRIPS
 from caesura_protocol.rotations import align_signs, angle_between
 from caesura_protocol.up_direction import UP
 from caesura_service.constants import GRAVITY, REST_M_PER_S
-from caesura_service.program.carried_loads import hangs
-from caesura_service.program.largest_parts import largest_parts
+from caesura_service.program.interpretation.carried_loads import hangs
+from caesura_service.program.notes.largest_parts import largest_parts
 from caesura_service.program.program_segment import OBSERVED_S, PUSHES_BACK_N, Moment, MomentAt, length
 
 WIGGLED = 10  # steps between observations, one second

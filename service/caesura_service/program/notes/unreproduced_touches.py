@@ -14,7 +14,8 @@ from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App
 from caesura_protocol.number_words import fixed, interval
 from caesura_service.constants import TARED_BIAS_N
-from caesura_service.program.largest_parts import largest_parts
+from caesura_service.program.forces.sensor_bias import acceleration
+from caesura_service.program.notes.largest_parts import largest_parts
 from caesura_service.program.program_segment import (
     OBSERVED_S,
     ROUNDED_S,
@@ -23,7 +24,6 @@ from caesura_service.program.program_segment import (
     length,
     observed,
 )
-from caesura_service.program.sensor_bias import acceleration
 
 LASTS = 5  # observations in a row, half a second, from which on a weak force is named
 HITS = 3  # likewise one of `UNLIKE_N`: no tool of 2 kg is accelerated so long without moving by 0.7 m/s

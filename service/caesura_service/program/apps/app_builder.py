@@ -30,11 +30,10 @@ from caesura_protocol.messages import App, Gap, RestForce, Vector
 from caesura_protocol.programs.checks.fidelity import SWAYED_M
 from caesura_protocol.up_direction import UP
 from caesura_service.constants import GRAVITY
-from caesura_service.program.app_group import AppEnd, AppGroup, group_key, pose_fields
-from caesura_service.program.carried_loads import has_other_load, weighed_steps
-from caesura_service.program.end_velocities import with_end_velocities
-from caesura_service.program.gaps import observed_share
-from caesura_service.program.held_forces import (
+from caesura_service.program.apps.app_group import AppEnd, AppGroup, group_key, pose_fields
+from caesura_service.program.apps.end_velocities import with_end_velocities
+from caesura_service.program.apps.paths import Paths
+from caesura_service.program.forces.held_forces import (
     force_aside,
     force_aslant,
     forces_felt,
@@ -45,12 +44,15 @@ from caesura_service.program.held_forces import (
     stronger_force,
     weaker_force,
 )
-from caesura_service.program.held_levels import divided_at_levels
-from caesura_service.program.joined_strokes import (
+from caesura_service.program.forces.held_levels import divided_at_levels
+from caesura_service.program.forces.stroke_forces import rest_force_n, stroke_aslant, stroke_force
+from caesura_service.program.gaps import observed_share
+from caesura_service.program.interpretation.carried_loads import has_other_load, weighed_steps
+from caesura_service.program.interpretation.joined_strokes import (
     INSERTED_M,
     NOWHERE_M,
 )
-from caesura_service.program.paths import Paths
+from caesura_service.program.interpretation.segment_interpretation import kept_steps
 from caesura_service.program.program_segment import (
     GRIP_SLACK_S,
     OBSERVED_S,
@@ -65,9 +67,6 @@ from caesura_service.program.program_segment import (
     length,
     observed,
 )
-from caesura_service.program.segment_interpretation import kept_steps
-from caesura_service.program.stroke_forces import rest_force_n, stroke_aslant, stroke_force
-from caesura_service.program.unreproduced_finger_motion import BEGUN
 
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
 MOST_ACTING = 15  # observations in which fingers act: a Panda's close within six
@@ -465,7 +464,7 @@ def _acting(grip: GripperAction, moment_at: MomentAt) -> list[float]:
 
     The time of an action is one end of their motion. Without an opening the other end is unknown.
     """
-    step = OBSERVED_S if grip.kind in BEGUN else -OBSERVED_S
+    step = OBSERVED_S if grip.opens else -OBSERVED_S
     times, width = [grip.t], moment_at(grip.t).gripper_width
     for k in range(1, MOST_ACTING + 1):
         t = grip.t + k * step

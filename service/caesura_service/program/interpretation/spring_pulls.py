@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Vector
-from caesura_service.program.carried_loads import HANGING_N, as_carry_of, hangs
-from caesura_service.program.joined_strokes import NOWHERE_M
+from caesura_service.program.forces.sensor_bias import SPRUNG_SHARE
+from caesura_service.program.interpretation.carried_loads import HANGING_N, as_carry_of, hangs
+from caesura_service.program.interpretation.joined_strokes import NOWHERE_M
 from caesura_service.program.program_segment import (
     ENDS,
     UNLIKE_N,
@@ -24,7 +25,6 @@ from caesura_service.program.program_segment import (
     length,
     way_and_forces,
 )
-from caesura_service.program.sensor_bias import SPRUNG_SHARE
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from caesura_service.program.carried_loads import STANDS_S, as_carry_of
-from caesura_service.program.contacts import touched_at
+from caesura_service.program.interpretation.carried_loads import STANDS_S, as_carry_of
+from caesura_service.program.interpretation.contacts import touched_at
 from caesura_service.program.program_segment import (
     ARRIVES_M,
     ENDS,

@@ -19,8 +19,8 @@ from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App
 from caesura_protocol.number_words import fixed, interval
 from caesura_service.constants import GRAVITY
-from caesura_service.program.held_forces import decimation
-from caesura_service.program.largest_parts import largest_parts
+from caesura_service.program.forces.held_forces import decimation
+from caesura_service.program.notes.largest_parts import largest_parts
 from caesura_service.program.program_segment import PUSHES_BACK_N, MomentAt, length, observed
 
 AROUND_S, BESIDE_S = 2.0, 0.3  # of the air before and after an app; of that, what its touch or release lasts

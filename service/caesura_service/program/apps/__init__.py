@@ -1,0 +1,1 @@
+"""Builds the apps of a program from interpreted segments, each with its path."""

@@ -21,14 +21,16 @@ class AppKindFacts(NamedTuple):
 
     title: text for an operator. needs: fields without which it cannot be run; a kind with one takes time.
     preconditions: conditions that must hold before it. ports: inputs of its action in a behaviour tree.
-    travels: whether its flange moves from one place to another. in_contact: whether it keeps the contact of
-    the app before it.
+    drawn_as: kinds of segment in whose colour it is drawn, where it has a path and where it stays. travels:
+    whether its flange moves from one place to another. in_contact: whether it keeps the contact of the app
+    before it.
     """
 
     title: str
     needs: tuple[str, ...]
     preconditions: tuple[Precondition, ...]
     ports: tuple[str, ...]
+    drawn_as: tuple[str, str]
     travels: bool = False
     in_contact: bool = False
 
@@ -60,19 +62,42 @@ _PRESS = ("force", "force_taught", "waits", "force_before", "force_after", *_PLA
 
 APP_KINDS: Mapping[AppKind, AppKindFacts] = MappingProxyType(
     {
-        "cartesian_motion": AppKindFacts("move", ("target",), ("reachable",), _PLACE, travels=True),
+        "cartesian_motion": AppKindFacts(
+            "move", ("target",), ("reachable",), _PLACE, ("motion", "motion"), travels=True
+        ),
         "move_to_contact": AppKindFacts(
-            "move to contact", ("target",), ("reachable",), (*_PLACE, *_SEARCH), travels=True
+            "move to contact",
+            ("target",),
+            ("reachable",),
+            (*_PLACE, *_SEARCH),
+            ("motion", "motion"),
+            travels=True,
         ),
-        "apply_force": AppKindFacts("apply force", ("force",), ("in_contact",), _PRESS, in_contact=True),
+        "apply_force": AppKindFacts(
+            "apply force", ("force",), ("in_contact",), _PRESS, ("sliding", "contact"), in_contact=True
+        ),
         "grasp": AppKindFacts(
-            "grasp", (), ("not_holding",), ("width", "grip_force", "grip_speed"), in_contact=True
+            "grasp",
+            (),
+            ("not_holding",),
+            ("width", "grip_force", "grip_speed"),
+            ("steady", "steady"),
+            in_contact=True,
         ),
-        "gripper_move": AppKindFacts("move gripper", (), (), ("width", "grip_speed"), in_contact=True),
+        "gripper_move": AppKindFacts(
+            "move gripper", (), (), ("width", "grip_speed"), ("steady", "steady"), in_contact=True
+        ),
         "transport": AppKindFacts(
-            "transport", ("target",), ("reachable", "holding"), (*_PLACE, *_SEARCH, "load"), travels=True
+            "transport",
+            ("target",),
+            ("reachable", "holding"),
+            (*_PLACE, *_SEARCH, "load"),
+            ("transport", "transport"),
+            travels=True,
         ),
-        "hold": AppKindFacts("hold", ("target",), ("reachable", "holding"), (*_PLACE, *_SEARCH, "load")),
+        "hold": AppKindFacts(
+            "hold", ("target",), ("reachable", "holding"), (*_PLACE, *_SEARCH, "load"), ("hold", "hold")
+        ),
     }
 )
 

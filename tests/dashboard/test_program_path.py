@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import numpy as np
 import pytest
 
 from caesura_clients.dashboard.program_edits import checked
-from caesura_clients.dashboard.program_path import COLOURS, PARTS, program_path
+from caesura_clients.dashboard.program_path import PARTS, program_path
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, AppChange, Program
+from caesura_protocol.messages.field_types import Kind
 from caesura_protocol.programs.document import document
 from caesura_protocol.reproduced_path import curve_of
 from clients.examples import example
@@ -19,8 +22,8 @@ def program(*apps: App) -> Program:
     return example(Program).model_copy(update={"apps": apps, "edits": (), "gaps": (), "complete": True})
 
 
-def test_every_kind_of_app_has_a_colour():
-    assert set(COLOURS) == set(APP_KINDS)
+def test_every_kind_of_app_has_the_colours_of_kinds_of_segments():
+    assert {kind for facts in APP_KINDS.values() for kind in facts.drawn_as} <= set(get_args(Kind))
 
 
 def test_points_lie_on_the_curve_that_the_robot_follows():

@@ -10,13 +10,13 @@ unknown has no row.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.app_kinds import APP_KINDS, AppKind, app_title
+from caesura_protocol.app_kinds import APP_KINDS, app_title
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.reproduced_path import curve_of
 
@@ -24,17 +24,6 @@ Array = NDArray[np.float64]
 
 PARTS = 5  # points of a leg of a path
 MM = 1000.0
-
-#: App kind → the kind of segment whose colour it has; where it has a path, and where it stays.
-COLOURS: Mapping[AppKind, tuple[str, str]] = {
-    "cartesian_motion": ("motion", "motion"),
-    "move_to_contact": ("motion", "motion"),
-    "apply_force": ("sliding", "contact"),
-    "grasp": ("steady", "steady"),
-    "gripper_move": ("steady", "steady"),
-    "transport": ("transport", "transport"),
-    "hold": ("hold", "hold"),
-}
 
 
 class _Drawn(NamedTuple):
@@ -60,7 +49,7 @@ def program_path(apps: Sequence[App], first: int = 0) -> list[dict[str, Any]]:
 
 def _look(app: App) -> dict[str, Any]:
     """Return an app's name, the kind that determines its colour, and the force [N] that the robot exerts."""
-    moving, staying = COLOURS[app.kind]
+    moving, staying = APP_KINDS[app.kind].drawn_as
     kind = "turning" if app.screw is not None else moving if app.path is not None else staying
     force = None if app.force is None else [round(value, 2) for value in app.force]
     return {"words": app.name or app_title(app.kind), "kind": kind, "force": force}

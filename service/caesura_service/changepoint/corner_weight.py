@@ -16,10 +16,11 @@ Array = NDArray[np.float64]
 class CornerWeight:
     """A weight on the start of a movement, above 1 where the path has a corner.
 
-    The log weight is γ(v) S((turn − 45°)/15°) S((0.6 − r)/0.08), with S the logistic function. `turn` is the
-    angle between the path over `chord` observations before the start and the path since. r is the speed at
-    the start, divided by the lesser of the peaks within `reach` chords before and after. So a curve without a
-    dip, or a dip without a turn, starts no movement: it is a via point of the path.
+    The log weight is γ(v) T(turn) S((0.6 − r)/0.08), with T(turn) = (S((turn − 45°)/15°) − S(−3)) / (1 −
+    S(−3)) and S the logistic function. `turn` is the angle between the path over `chord` observations before
+    the start and the path since. r is the speed at the start, divided by the lesser of the peaks within
+    `reach` chords before and after. So a curve without a dip, or a dip without a turn, starts no movement: it
+    is a via point of the path. T is 0 without a turn, because S alone would leave 5 % of γ.
 
     A corner lies between two straight sections: the weight is multiplied by S((q − `straight`)/0.03) for
     each, with q the ratio of its chord to its length. So a turn as long as the sections is a curve, and a
@@ -93,15 +94,19 @@ class CornerWeight:
             return 0.0
         cosine = (before * after).sum() / (lengths[0] * lengths[1])
         turn = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
-        turned = (turn - self.turn_deg) / self.turn_width_deg
         dipped = (self.dip - speed / peak) / self.dip_width
         flight = min(speed**2 / self.fast**2, 1.0) if self.fast else 1.0
         gamma = self.standing + (self.gamma - self.standing) * flight
-        weight = gamma * _logistic(turned) * _logistic(dipped)
+        weight = gamma * self._turned(turn) * _logistic(dipped)
         if self.straight:
             weight *= self._straightness(lengths[0], steps[reach - chord : reach])
             weight *= self._straightness(lengths[1], steps[reach + 1 :])
         return float(weight)
+
+    def _turned(self, turn: float) -> float:
+        """Return a factor near 1 for a clear turn [degrees], and 0 without one."""
+        share, unturned = (_logistic((t - self.turn_deg) / self.turn_width_deg) for t in (turn, 0.0))
+        return (share - unturned) / (1.0 - unturned)
 
     def _straightness(self, chord_length: float, steps: Array) -> float:
         """Return a factor near 1 for a straight section, near 0 for a curved one; steps: their lengths."""

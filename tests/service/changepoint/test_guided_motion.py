@@ -121,11 +121,14 @@ def test_a_turn_at_a_dip_starts_a_movement() -> None:
     assert weight_at(bent(100.0, 0.2), 7) > 25.0
 
 
-@pytest.mark.parametrize(
-    ("what", "turn", "dip"), [("a dip alone", 0.0, 0.2), ("a turn alone", 100.0, 1.0), ("neither", 0.0, 1.0)]
-)
-def test_what_only_turns_or_only_slows_down_is_a_via_point(what: str, turn: float, dip: float) -> None:
-    assert weight_at(bent(turn, dip), 7) < 2.0, what
+@pytest.mark.parametrize("dip", [0.0, 0.2, 0.6, 1.0])
+def test_what_only_slows_down_is_a_via_point(dip: float) -> None:
+    weights = corner().log_evidence(rows_after(corner(), observed(bent(0.0, dip))))
+    np.testing.assert_allclose(weights, 0.0, atol=1e-6)
+
+
+def test_what_only_turns_is_a_via_point() -> None:
+    assert weight_at(bent(100.0, 1.0), 7) < 0.01 * CORNER.gamma
 
 
 @pytest.mark.parametrize(("leg", "missed"), [(3, [4]), (6, []), (14, [2])])
@@ -138,7 +141,7 @@ def test_a_corner_has_no_time_of_its_own(leg: int, missed: list[int]) -> None:
         return corner.log_evidence(rows_after(corner, path)) / CORNER.gamma
 
     alone = {chord: weights(chord) for chord in CORNER.chords}
-    assert [chord for chord, each in alone.items() if each.max() < 0.5] == missed
+    assert [chord for chord, each in alone.items() if each.max() < 0.4] == missed
     np.testing.assert_array_equal(weights(*CORNER.chords), np.max([*alone.values()], axis=0))
 
 

@@ -180,15 +180,21 @@ def log_corner_weight(past, squared, age, chord, reach, channel):
     if min(math.sqrt(peak2), length_before / chord, length_after / age) <= channel.pace:
         return 0.0
     turn = math.degrees(math.acos(min(max(product / (length_before * length_after), -1.0), 1.0)))
-    turned = (turn - channel.turn) / channel.turn_width
     dipped = (channel.dip - math.sqrt(squared[age] / peak2)) / channel.dip_width
     flight = min(squared[age] / channel.fast2, 1.0) if channel.fast2 else 1.0
     gamma = channel.standing + (channel.gamma - channel.standing) * flight
-    weight = gamma * logistic(turned) * logistic(dipped)
+    weight = gamma * turned(turn, channel) * logistic(dipped)
     if channel.straight:
         weight *= straightness(length_before, squared, age + 1, age + 1 + chord, channel)
         weight *= straightness(length_after, squared, 0, age, channel)
     return weight
+
+
+@compiled
+def turned(turn, channel):
+    """Return `CornerWeight._turned`."""
+    unturned = logistic(-channel.turn / channel.turn_width)
+    return (logistic((turn - channel.turn) / channel.turn_width) - unturned) / (1.0 - unturned)
 
 
 @compiled

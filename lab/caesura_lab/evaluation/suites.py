@@ -16,6 +16,7 @@ import numpy as np
 
 from caesura_lab.evaluation.annotated_declarations import with_annotated_declarations
 from caesura_lab.evaluation.cut_recordings import WINDOWS, in_window
+from caesura_lab.evaluation.free_movements import MOVEMENTS, FreeMovements
 from caesura_lab.evaluation.rescaled_recordings import TEMPI, in_tempo
 from caesura_lab.evaluation.sensor_conditions import CONDITIONS
 from caesura_lab.evaluation.shifted_starts import STARTS, with_shifted_start
@@ -324,6 +325,12 @@ def hand(extent: SuiteOptions) -> list[Case]:
     return _taught(("wiping", *SKILLS), extent, hand=True)
 
 
+def movements(extent: SuiteOptions) -> list[Case]:
+    """Return `seeds` demonstrations of every kind of free movement, by published laws and without a robot."""
+    seeds = range(extent.first_seed, extent.first_seed + extent.seeds)
+    return [FreeMovements(kind, seed) for kind in MOVEMENTS for seed in seeds]
+
+
 def _taught(scenarios: Iterable[str], extent: SuiteOptions, *, hand: bool = False) -> list[Case]:
     people = range(extent.first_seed, extent.first_seed + extent.seeds)
     return [
@@ -383,7 +390,7 @@ def missing_recordings(name: str | None, extent: SuiteOptions) -> list[str]:
 
     name: of the suite, None where files are judged.
     """
-    if name not in SUITES or name in TAUGHT:
+    if name not in SUITES or name in SIMULATED:
         return []
     return [
         f"{file}: not in {extent.data}, left out; its source: {source.source or 'not stated'}"
@@ -425,10 +432,12 @@ def _recordings(annotated: Path) -> list[Path]:
 
 
 TAUGHT = ("teacher", "skills", "hand")  # suites in which a robot is simulated
+SIMULATED = (*TAUGHT, "movements")  # suites that need no recordings
 SUITES: Mapping[str, Callable[[SuiteOptions], list[Case]]] = {
     "teacher": teacher,
     "skills": skills,
     "hand": hand,
+    "movements": movements,
     "real": real,
     "sensors": partial(_under_each, PoorerCase, CONDITIONS),
     "tempo": partial(_under_each, OtherTempoCase, TEMPI),

@@ -219,10 +219,21 @@ def test_a_start_on_a_page_of_an_ended_session_moves_no_plots(
     assert opened.errors == []
 
 
+# Where the plots begin, and how far the first one is above what stands at the lower edge [px].
+FIRST_PLOT = """() => {
+  const box = (name) => document.querySelector(name).getBoundingClientRect();
+  return [box(".plots").top, box(".at-time-box").top - box(".panel .u-over").bottom];
+}"""
+HALF_PX = PHONE["height"] / 2
+
+
 def has_everything_in_the_first_screen(page: Page) -> None:
-    """Start and Stop, the description and the first plot, of a phone."""
+    """Start and Stop, the description and the first plot, of a phone; the plots began at 569 px."""
     for part in (".desk-state", ".start", ".stop", ".description summary", ".band", ".panel .u-over"):
         expect(page.locator(part).first, part).to_be_in_viewport(ratio=1)
+    begin, room = page.evaluate(FIRST_PLOT)
+    assert begin < HALF_PX
+    assert room >= 0, "what is selected covers the first plot"
 
 
 def test_samples_that_stop_move_no_plot(stage: Stage, bridge: StandbyBridge, opened: Visitor):
@@ -315,11 +326,15 @@ def test_the_answer_to_a_correction_is_in_sight_wherever_in_the_plots_it_is_made
     assert opened.errors == []
 
 
-IN_PHASES = """([x, y]) => document.elementFromPoint(x, y).closest(".plots") !== null"""
+# Whether a message covers the end of what is selected.
+COVERED = """() => {
+  const { x, bottom } = document.querySelector(".selection").getBoundingClientRect();
+  return document.elementFromPoint(x + 30, bottom - 4).closest(".staying") !== null;
+}"""
 
 
-def test_a_long_answer_leaves_the_phases_when_something_else_is_pressed(stage: Stage, opened: Visitor):
-    """On a phone it covered them until it was closed."""
+def test_a_long_answer_leaves_what_is_selected_when_something_else_is_pressed(stage: Stage, opened: Visitor):
+    """On a phone it covered that until it was closed."""
     page = taught_page(stage, opened, "long", PHONE)
     operator = Operator.at(page, opened)
     operator.click(1.4)
@@ -329,14 +344,10 @@ def test_a_long_answer_leaves_the_phases_when_something_else_is_pressed(stage: S
     expect(page.locator(".message")).to_contain_text("Undone: Ann inserted a changepoint at 1.")
     close = page.get_by_role("button", name="Close the message")
     expect(close).to_be_visible()
-    band = page.locator("canvas.band").bounding_box()
-    assert band is not None
-    x, _ = operator.place(1.4)
-    phases = [x, band["y"] + band["height"] / 4]
-    assert not page.evaluate(IN_PHASES, phases)
+    assert page.evaluate(COVERED)
     operator.click(1.4)
     expect(page.get_by_role("button", name="Show the whole message")).to_be_visible()
-    assert page.evaluate(IN_PHASES, phases)
+    assert not page.evaluate(COVERED)
     assert opened.errors == []
 
 

@@ -7,7 +7,7 @@ const legend = `
   </ul>`;
 
 const correcting = `
-  <div v-if="!linked" class="at-time" :class="{ quiet: !trouble && !doubt && (inList || !message) }">
+  <div v-if="!linked" class="at-time" :class="{ quiet: !trouble && !doubt && (inList || !message), chosen: cursor !== null }"><div class="at-time-box">
     <p class="selection" role="status" :title="selection">{{ selection }}</p>
     <template v-if="editable">
       <button v-if="cursor !== null" class="correct" :title="'What can be corrected at this time (R, or ' + opens + ')'" @click="openMenu()">Correct …</button>
@@ -15,7 +15,7 @@ const correcting = `
       <button class="redo repeats" :class="{ absent: !canRedo }" :disabled="!canRedo" title="Make it once more (Ctrl Y)" v-on="pointing(redoAction)" @click="redo">Redo</button>
     </template>
     <staying class="message" :class="{ failed: failed || trouble }">{{ trouble || (inList ? "" : message) }}<span v-if="doubt" class="doubt">{{ " " + doubt }}</span></staying>
-  </div>
+  </div></div>
   <p v-if="!editable && !linked" class="empty only-read">{{ why }}</p>`;
 
 const floating = `

@@ -148,6 +148,47 @@ def test_labels_of_a_path_are_whole_and_apart_on_a_phone(page: Page, view: str, 
     assert [(one, other) for one, other in combinations(texts, 2) if one.meets(other)] == []
 
 
+def crowd(count: int) -> list[dict[str, Any]]:
+    """A spiral whose apps end close together; each third presses."""
+    targets = [(0.0, 0.0, 50.0)]
+    for k in range(count):
+        angle, radius = 0.35 * k, 40.0 + 2.2 * k
+        height = 0.0 if k % 3 else 40.0
+        targets.append((radius * math.cos(angle), radius * math.sin(angle), height))
+    force = [0.0, 0.0, -8.0]
+    return [row(k + 1, targets[k], targets[k + 1], force=force if k % 3 == 1 else None) for k in range(count)]
+
+
+# Where the targets of the apps are in the drawing [px].
+TARGETS = """() => {
+  const canvas = document.querySelector("canvas"), { rows, projection } = canvas.path;
+  const { of } = projection(canvas.clientWidth, canvas.clientHeight);
+  return rows.map(({ points }) => of(points.at(-1).slice(1)));
+}"""
+FEWEST, MOST = 15, 50  # of 100 numbers
+
+
+def test_numbers_of_a_hundred_apps_leave_the_path_to_be_seen(page: Page):
+    """All of them were written, up to 32 px from their targets: which was whose could not be seen."""
+    page.get_by_role("button", name="3D", exact=True).click()
+    show(page, crowd(100))
+    targets = page.evaluate(TARGETS)
+    time = page.get_by_role("slider")
+    for number in (100, 41, 1):
+        time.fill(str(number + 0.25))
+        texts = drawn(page)
+        assert [one for one in texts if one.words == str(number)], "the chosen one"
+        assert [(one, other) for one, other in combinations(texts, 2) if one.meets(other)] == []
+        others = [one for one in texts if one.words[0].isdigit() and one.words != str(number)]
+        assert FEWEST < len(others) < MOST
+        for one in others:
+            assert not any(covers(one, *target) for target in targets), one
+
+
+def covers(text: Text, x: float, y: float) -> bool:
+    return text.x < x < text.x + text.width and abs(text.y - y) < HIGH_PX / 2
+
+
 def test_the_number_of_an_app_stands_at_its_target(page: Page):
     """It stood where the app begins: 3 at the target of app 2."""
     press = row(1, (0.0, 0.0, 0.0), (0.0, 300.0, 0.0), force=[0.0, 0.0, -12.0])

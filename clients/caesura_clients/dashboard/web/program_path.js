@@ -11,10 +11,24 @@ import { unanswered } from "caesura-dashboard/unanswered.js";
 
 const runs = unanswered("simulation");
 const UNANSWERED = "A simulated run ended with the connection, before the page was loaded again: simulate it again.";
+const OFFER = "Simulate runs the program on the simulated arm, in a cell that is built from the program.";
 const VIEWS = { "3D": [-0.7, 0.5], top: [-Math.PI / 2, Math.PI / 2], front: [-Math.PI / 2, 0], side: [0, 0] };
-const MARGIN = 34, LEGEND_PX = 68, LEAST_MM = 60, STEP_RAD = Math.PI / 36, TICK_MS = 50, GROWS_MS = 1000, LABEL_PX = 12, FORCE_PX_PER_N = 1.5, LONGEST_PX = 60;
+const MARGIN = 34, LEGEND_PX = 68, LEAST_MM = 60, STEP_RAD = Math.PI / 36, TICK_MS = 50, GROWS_MS = 1000, FORCE_PX_PER_N = 1.5, LONGEST_PX = 60;
 const BARS_MM = [1000, 500, 200, 100, 50, 20, 10], BAR_PX = 130, AXES = ["x", "y", "z"];
+const SHARED_PX = 12, NUMBERS_PX = 30, FORCES_PX = 70, LINE_PX = 6; // between labels; between points of a line that a label avoids
+const MOST_POINTS = 200; // of a line, however much the path is enlarged
+const CROWD = 20; // apps
+const MOSTS = [5, 3, 2, 1]; // numbers at one place
 const between = (low, high, value) => Math.min(Math.max(value, low), high);
+const share = (labels, [x, y], what) => { // [x, y, what]; those at one place are written as one
+  const shared = labels.find(([x0, y0]) => Math.hypot(x - x0, y - y0) < SHARED_PX);
+  if (shared) shared[2].push(what);
+  else labels.push([x, y, [what]]);
+};
+const alongLine = (places) => places.slice(1).flatMap(([x, y], i) => {
+  const [x0, y0] = places[i], count = Math.min(Math.ceil(Math.hypot(x - x0, y - y0) / LINE_PX), MOST_POINTS);
+  return Array.from({ length: count }, (_, k) => [x0 + ((k + 0.5) / count) * (x - x0), y0 + ((k + 0.5) / count) * (y - y0)]);
+});
 
 export default {
   mixins: [clock, measuredPath],
@@ -59,7 +73,7 @@ export default {
       return this.rows.findLast(({ points }) => points[0][0] <= this.shown) || this.rows[0];
     },
     stands() {
-      return this.said || (this.elsewhere ? "Another simulation is under way on this dashboard." : "");
+      return this.said || (this.elsewhere ? "Another simulation is under way on this dashboard." : this.busy ? "" : OFFER);
     },
     words() {
       const [x, y, z] = this.place().map((value) => fixed(value, 0));
@@ -224,31 +238,38 @@ export default {
         line(this.run.map(([, ...place]) => place), ink, 1.5);
         context.setLineDash([]);
       }
-      const numbers = [], forces = []; // [x, y, what]; those at one place are written as one
-      const label = (labels, [x, y], what) => {
-        const shared = labels.find(([x0, y0]) => Math.hypot(x - x0, y - y0) < LABEL_PX);
-        if (shared) shared[2].push(what);
-        else labels.push([x, y, [what]]);
-      };
+      const forces = [];
       for (const row of this.rows) {
         const target = row.points.at(-1).slice(1);
         dot(target, 3.5, KINDS[row.kind].colour);
-        label(numbers, of(target), row.number);
         const tip = row.force && this.arrow(context, of(target), row.force, ink);
-        if (tip) label(forces, tip, Math.hypot(...row.force));
+        if (tip) share(forces, tip, Math.hypot(...row.force));
       }
       dot(this.place(), 6, ink);
-      const wanted = [
-        ...numbers.map(([x, y, all]) => [x, y, ranges(all)]),
-        ...forces.map(([x, y, all]) => [x, y, `${span(all)} N`]),
-      ];
-      const marks = this.rows.flatMap(({ points }) => points.map(([, ...place]) => of(place)));
-      const widthOf = (words) => context.measureText(words).width;
+      const marks = this.rows.flatMap(({ points, via }) => [points[0], ...via, points.at(-1)].map(([, ...place]) => of(place)));
+      const lines = this.rows.flatMap(({ points }) => alongLine(points.map(([, ...place]) => of(place))));
+      const fontFor = (chosen) => (chosen ? `bold ${fontOf()}` : fontOf());
+      const widthOf = (words, chosen) => Object.assign(context, { font: fontFor(chosen) }).measureText(words).width;
       Object.assign(context, { fillStyle: ink, strokeStyle: paper, lineWidth: 3 });
-      for (const { x, y, height: high, words } of placedLabels(wanted, { width, height }, legend, marks, widthOf)) {
+      const labels = [...this.numbers(of), ...forces.map(([x, y, all]) => ({ x, y, words: [`${span(all)} N`], sort: "force", ...this.room(FORCES_PX) }))];
+      for (const { x, y, height: high, words, one } of placedLabels(labels, { width, height }, legend, { marks, lines }, widthOf)) {
+        context.font = fontFor(one.chosen);
         context.strokeText(words, x, y + high / 2); // it can be read upon a line
         context.fillText(words, x, y + high / 2);
       }
+    },
+    room(apart) { // of few apps all labels are written, also upon the path
+      return this.rows.length > CROWD ? { apart } : { apart: 0, must: true };
+    },
+    numbers(of) { // of the apps, at their targets: the chosen one always, then those by which the others are found
+      const rank = ({ number }) => (number === this.rows[0].number || number === this.rows.at(-1).number ? 0 : number % 10 === 0 ? 1 : number % 5 === 0 ? 2 : 3);
+      const labels = [];
+      for (const row of this.rows) {
+        if (row !== this.at) share(labels, of(row.points.at(-1).slice(1)), row);
+      }
+      const least = (rows) => Math.min(...rows.map(rank)), [x, y] = of(this.at.points.at(-1).slice(1));
+      const others = labels.map(([x, y, rows]) => ({ x, y, rank: least(rows), words: MOSTS.map((most) => ranges(rows.map(({ number }) => number), most)), sort: "number", ...this.room(NUMBERS_PX) }));
+      return [{ x, y, words: [`${this.at.number}`], sort: "number", apart: 0, must: true, chosen: true }, ...others.sort((one, other) => one.rank - other.rank)];
     },
     arrow(context, [x, y], force, ink) { // what the robot exerts; its tip, if it can be seen
       const [right, up] = this.directions(), newton = Math.hypot(...force);

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -25,6 +26,7 @@ from caesura_lab.teacher.person import THESIS, draw_person
 from caesura_lab.teacher.scenarios import SCENARIOS, Scenario, moved
 from caesura_protocol.app_kinds import app_name
 from caesura_protocol.errors import CaesuraError, SourceError
+from caesura_protocol.messages import App
 from caesura_protocol.number_words import counted
 from caesura_protocol.programs.checks import group_findings, unfinished_findings
 from caesura_protocol.programs.checks.findings import CheckReport
@@ -202,9 +204,13 @@ def _run(program: ProgramFile, scenario: str | None, seed: int, out: Path | None
         + (f"; {out}" if out else "")
     )
     if done.stopped is not None:
-        kind = "" if done.at is None else f" in {app_name(done.at, program.apps[done.at].kind)}"
-        typer.echo(f"stopped{kind}: {done.stopped}", err=True)
+        where = "" if done.at is None else f" in {_app_name(program.apps, done.at)}"
+        typer.echo(f"stopped{where}: {done.stopped}", err=True)
     return done.stopped is not None
+
+
+def _app_name(apps: Sequence[App], index: int) -> str:
+    return app_name(index, apps[index].kind, apps[index].name)
 
 
 def _clock_of(program: ProgramFile) -> SessionClock:

@@ -305,7 +305,7 @@ def _target_or_force_error(
 ) -> str | None:
     for (index, app), error in zip(taught, targets, strict=True):
         if not error <= TARGET_M:
-            return f"target of {app_name(index, app.kind)} is {1000 * error:.1f} mm off"
+            return f"target of {app_name(index, app.kind, app.name)} is {1000 * error:.1f} mm off"
     for error in forces:
         if not abs(error) <= FORCE_SHARE:
             return f"a force is {100 * error:+.0f} % off"

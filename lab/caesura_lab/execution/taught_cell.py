@@ -96,9 +96,8 @@ def _grasps(apps: Sequence[App]) -> list[tuple[int, App]]:
         if app.kind != "grasp":
             continue
         if left is not None and math.dist(left, _place(apps, index)) > GRIP_REACH_M:
-            raise CaesuraError(
-                f"{app_name(index, app.kind)} grips a second object; a cell as taught has one: {NEED}"
-            )
+            name = app_name(index, app.kind, app.name)
+            raise CaesuraError(f"{name} grips a second object; a cell as taught has one: {NEED}")
         grasps.append((index, app))
     return grasps
 
@@ -127,19 +126,16 @@ def _contacts(apps: Sequence[App]) -> Iterator[_Contact]:
 
 def _check(index: int, app: App) -> None:
     """Raise CaesuraError for an app that needs more than a level surface."""
+    name = app_name(index, app.kind, app.name)
     if app.screw is not None and APP_KINDS[app.kind].presses:
-        raise CaesuraError(
-            f"{app_name(index, app.kind)} turns in contact; a level surface does not resist a turn: {NEED}"
-        )
+        raise CaesuraError(f"{name} turns in contact; a level surface does not resist a turn: {NEED}")
     force = without_friction(app).force
     if force is None:
         return
     size = float(np.linalg.norm(force))
     if size > 0.0 and -force[2] < LEVEL_COSINE * size:
         toward = ", ".join(f"{value:.1f}" for value in force)
-        raise CaesuraError(
-            f"{app_name(index, app.kind)} exerts ({toward}) N; surfaces of a cell as taught are level: {NEED}"
-        )
+        raise CaesuraError(f"{name} exerts ({toward}) N; surfaces of a cell as taught are level: {NEED}")
 
 
 def _tips(app: App, place: Vector, orientation: Quaternion, *, whole: bool) -> list[Array]:

@@ -115,9 +115,11 @@ def optimal(
             try:
                 steps[index] = _fastest(app, following, np.array(still), robot, limits, program.safety)
                 if steps[index].tn - steps[index].t0 > app.tn - app.t0:
-                    notes.append(f"{app_name(index, app.kind)} lasts longer than taught: {TOO_FAST}.")
+                    notes.append(
+                        f"{app_name(index, app.kind, app.name)} lasts longer than taught: {TOO_FAST}."
+                    )
             except ValueError as error:
-                notes.append(f"{app_name(index, app.kind)} is not re-timed: {error}.")
+                notes.append(f"{app_name(index, app.kind, app.name)} is not re-timed: {error}.")
         still = app.orientation or still
     noted = program.model_copy(update={"notes": (*program.notes, *notes)})
     return retimed(noted, steps, "optimal", lambda index, _: _crept_s(program.apps, index), keeps_pause)

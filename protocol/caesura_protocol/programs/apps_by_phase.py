@@ -101,7 +101,9 @@ def ungrouped_notes(apps: Sequence[App], phases: Sequence[Phase]) -> Iterator[st
         if number in owners or len(phases) < 2:
             continue
         across = [
-            app_name(i, app.kind) for i, app in enumerate(apps) if app.t0 < phase.tn and phase.t0 < app.tn
+            app_name(i, app.kind, app.name)
+            for i, app in enumerate(apps)
+            if app.t0 < phase.tn and phase.t0 < app.tn
         ]
         if across or phase.name is not None:
             called = phase.name or phase.kind

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.app_kinds import app_number, app_title
+from caesura_protocol.app_kinds import app_name, app_number
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.document import ProgramFile
@@ -160,9 +160,7 @@ class _Places:
 
 
 def _named(apps: Sequence[App], index: int) -> str:
-    app = apps[index]
-    name = f" '{app.name}'" if app.name else ""
-    return f"app {app_number(index)}{name} ({app_title(app.kind)})"
+    return app_name(index, apps[index].kind, apps[index].name)
 
 
 def _of_programs(one: ProgramFile, other: ProgramFile) -> Iterator[str]:

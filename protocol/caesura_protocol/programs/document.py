@@ -184,7 +184,7 @@ def joint_count_mismatch(program: ProgramFile, arm: str, count: int) -> str | No
     """Return why a program is not for an arm with so many joints, by its first such app; None: it may be."""
     for index, app in enumerate(program.apps):
         if app.joints is not None and len(app.joints) != count:
-            taught = f"{app_name(index, app.kind)} was taught with {len(app.joints)} joints"
+            taught = f"{app_name(index, app.kind, app.name)} was taught with {len(app.joints)} joints"
             return f"{taught}, and {arm} has {count}: {REMEDY}"
     return None
 

@@ -76,7 +76,7 @@ def refuse_impossible(program: ProgramFile) -> None:
     """Raise ValueError for a number that no app can have, whatever the limits of the cell."""
     for index, app in enumerate(program.apps):
         for one in impossible_numbers(index, app):
-            raise ValueError(f"{app_name(index, app.kind)}: {one.reason}")
+            raise ValueError(f"{app_name(index, app.kind, app.name)}: {one.reason}")
 
 
 def refuse_beyond_limits(program: ProgramFile) -> None:
@@ -92,7 +92,7 @@ def refuse_beyond_limits(program: ProgramFile) -> None:
     safety = program.safety
     refuse_impossible(program)
     for index, app in enumerate(program.apps):
-        name = app_name(index, app.kind)
+        name = app_name(index, app.kind, app.name)
         _refuse_incomplete(name, app)
         _refuse_outside(name, app, safety)
         force, most = max((one.newton for one in exerted_forces(app)), default=0.0), safety.force_n
@@ -103,9 +103,9 @@ def refuse_beyond_limits(program: ProgramFile) -> None:
     for one in precondition_findings(program.apps):
         if one.index is None:
             continue
-        kind = program.apps[one.index].kind
-        if APP_KINDS[kind].presses or APP_KINDS[kind].carries:
-            raise ValueError(f"{app_name(one.index, kind)}: {one.reason}")
+        app = program.apps[one.index]
+        if APP_KINDS[app.kind].presses or APP_KINDS[app.kind].carries:
+            raise ValueError(f"{app_name(one.index, app.kind, app.name)}: {one.reason}")
 
 
 def _refuse_outside(name: str, app: App, safety: Safety) -> None:

@@ -71,7 +71,7 @@ def _refuse_other_gripper(program: ProgramFile) -> None:
         return
     for index, app in enumerate(program.apps):
         if app.kind in {"grasp", "gripper_move"}:
-            raise ValueError(not_driven(app_name(index, app.kind), "franky", held_by, {"franka"}))
+            raise ValueError(not_driven(app_name(index, app.kind, app.name), "franky", held_by, {"franka"}))
 
 
 def _rows(apps: Sequence[ProgramStep]) -> list[dict[str, Any]]:

@@ -59,8 +59,8 @@ class PlannedApp(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The app's displayed number and kind."""
-        return app_name(self.place, self.app.kind)
+        """The app's displayed number, with its name or else its kind."""
+        return app_name(self.place, self.app.kind, self.app.name)
 
 
 def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedApp]:

@@ -118,7 +118,7 @@ def table_of_apps(
     """
     comments, groups, lines = findings_as_comments(program), group_comments(program), []
     for index, (app, row, more) in enumerate(zip(program.apps, rows, also, strict=False)):
-        said = [app_name(index, app.kind), *comments.get(index, ()), *more]
+        said = [one_line(app_name(index, app.kind, app.name)), *comments.get(index, ()), *more]
         lines += [f"    {groups[index]}"] if index in groups else []
         lines += [f"    # {comment}" for comment in said]
         lines += [indent(pformat(row, width=width, sort_dicts=False), "    ") + ","]

@@ -15,7 +15,7 @@ from textwrap import indent
 
 import numpy as np
 
-from caesura_protocol.app_kinds import APP_KINDS, step_title
+from caesura_protocol.app_kinds import APP_KINDS, app_name, step_title
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.contact_forces import force_in_tool
 from caesura_protocol.programs.document import ProgramFile, joint_count_mismatch
@@ -113,6 +113,13 @@ def _ascii(text: str) -> str:
     return text.encode("ascii", "backslashreplace").decode("ascii")
 
 
+def _string_name(planned: PlannedApp) -> str:
+    """Return an app's name as the content of a string, or its kind where that needs more than ASCII."""
+    name = planned.app.name
+    is_plain = name is not None and name.isascii() and name.isprintable() and not {'"', "\\"} & set(name)
+    return app_name(planned.place, planned.app.kind, name if is_plain else None)
+
+
 class _Writer:
     """Writes the lines of planned apps."""
 
@@ -125,11 +132,11 @@ class _Writer:
         """Return the lines of an app, and of the pause after it."""
         app = planned.app
         lines = ["", self._groups[planned.place]] if planned.place in self._groups else []
-        lines += ["", f"# {planned.name}, {app.tn - app.t0:.2f} s"]
+        lines += ["", f"# {one_line(planned.name)}, {app.tn - app.t0:.2f} s"]
         if app.name or app.target_name:
             lines.append(f"# called: {step_title(app.kind, app.name, app.target_name)}")
         lines += [f"# {comment}" for comment in self._comments.get(planned.place, ())]
-        lines += [f'begin_app("{planned.name}")']
+        lines += [f'begin_app("{_string_name(planned)}")']
         if app.kind == "apply_force":
             lines += self._force(planned)
         elif app.kind in GRIPS:

@@ -115,6 +115,15 @@ def test_what_cannot_be_run_is_refused_by_name(
     assert any(re.search(said, str(one)) for one in report.errors), [*map(str, report.errors)]
 
 
+def test_a_finding_has_the_name_that_an_operator_gave_the_app(robot: Robot) -> None:
+    """It named the kind, where the page and the program's table had the name."""
+    apps = changed(without(2)(pick_and_place()), 1, name="grip the cup")
+    report = check(changed(apps, 1, force_taught=(0.0, 0.0, -13.7)), cell("pick_and_place"), robot=robot)
+    named = [str(one) for one in report.findings if one.index == 1]
+    assert named
+    assert all(": app 2 (grip the cup): " in one for one in named)
+
+
 def turned(seconds: float) -> Apps:
     """A program of version 1: two places and a turn by 90° between them, about the tool."""
     there, half = (-0.02, -0.56, 0.3), (0.0, 1.0, 0.0, 0.0)

@@ -100,7 +100,7 @@ def test_two_programs_are_compared_app_by_app():
     after = written(moved, narrow, *rest, name="pick")
     assert differences(after, before) == [
         "program: name 'pick', was none",
-        "app 1 'above' (move to contact): name 'above', was none; target 20.0 mm away",
+        "app 1 (above): name 'above', was none; target 20.0 mm away",
         "app 2 (grasp): gripper width 40 mm, was 50 mm",
         "without what was app 3 (transport)",
     ]

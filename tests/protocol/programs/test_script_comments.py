@@ -40,6 +40,11 @@ def grasped_with_a_press() -> tuple[App, ...]:
     return touch, grasp.model_copy(update={"force_taught": (0.0, 0.0, -13.7)}), *rest
 
 
+def named(apps: tuple[App, ...], name: str) -> tuple[App, ...]:
+    """The apps, of which an operator has named the second one."""
+    return apps[0], apps[1].model_copy(update={"name": name}), *apps[2:]
+
+
 def on_robot(apps: tuple[App, ...], robot: str, gripper: str) -> ProgramFile:
     return as_file(apps).model_copy(update={"robot": robot, "gripper": gripper})
 
@@ -53,6 +58,28 @@ def wrench(*, stated: bool, contact_models: bool, note: str = "") -> WrenchRepor
         tare=None,
         note=note,
     )
+
+
+@pytest.mark.parametrize(("write", "robot", "gripper"), SCRIPTS)
+def test_an_app_has_the_name_that_an_operator_gave_it(write: Writer, robot: str, gripper: str):
+    """A check and the scripts named its kind, the page its name."""
+    program = on_robot(named(grasped_with_a_press(), "grip the cup"), robot, gripper)
+    found = [str(one) for one in document_findings(program) if one.index == 1]
+    assert found
+    assert all(": app 2 (grip the cup): " in one for one in found)
+    assert "# app 2 (grip the cup)" in write(program)
+
+
+@pytest.mark.parametrize("name", ['say "go"', "back\\slash", "Ärmel", "رفع 🤖"])
+@pytest.mark.parametrize(("write", "robot", "gripper"), SCRIPTS)
+def test_no_name_of_an_app_breaks_a_script(write: Writer, robot: str, gripper: str, name: str):
+    program = on_robot(named(pick_and_place(), name), robot, gripper)
+    text = write(program)
+    if write is ur_script:
+        assert text.isascii()
+        assert 'begin_app("app 2 (grasp)")' in text
+    else:
+        ast.parse(text)
 
 
 @pytest.mark.parametrize(("write", "robot", "gripper"), SCRIPTS)

@@ -24,7 +24,7 @@ from caesura_protocol.programs.checks import (
     value_findings,
     workspace_findings,
 )
-from caesura_protocol.programs.checks.findings import CheckReport, Finding
+from caesura_protocol.programs.checks.findings import CheckReport, Finding, with_names
 from caesura_protocol.programs.program_gripper import within_gripper
 from caesura_protocol.robots import GripperDescription
 from caesura_service.robot import Robot
@@ -65,4 +65,5 @@ def check(
         found += [NO_ROBOT] if robot is None else reach_findings(apps, cell, robot)
     if finite:
         found += fidelity_findings(apps, quality, cell.safety)
-    return CheckReport(tuple(sorted(found, key=lambda one: -1 if one.index is None else one.index)))
+    named = with_names(found, apps)
+    return CheckReport(tuple(sorted(named, key=lambda one: -1 if one.index is None else one.index)))

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.apps_by_phase import groups_by_first
 from caesura_protocol.programs.checks.fidelity import DemonstrationQuality, fidelity_findings
-from caesura_protocol.programs.checks.findings import Finding
+from caesura_protocol.programs.checks.findings import Finding, with_names
 from caesura_protocol.programs.checks.gripper_capability import gripper_findings
 from caesura_protocol.programs.checks.mounting import mounting_findings
 from caesura_protocol.programs.checks.preconditions import precondition_findings
@@ -56,7 +56,7 @@ def document_findings(program: ProgramFile) -> list[Finding]:
     if are_numbers_finite(program.apps):
         found += workspace_findings(program.apps, program.safety)
         found += fidelity_findings(program.apps, quality, program.safety)
-    return sorted(found, key=lambda one: one.severity)
+    return sorted(with_names(found, program.apps), key=lambda one: one.severity)
 
 
 def unfinished_findings(program: ProgramFile) -> Iterator[Finding]:

@@ -427,7 +427,7 @@ def _impacts(apps: Sequence[App]) -> Iterator[Finding]:
     for index, app in enumerate(apps):
         most = max((force.newton for force in exerted_forces(app)), default=math.inf)
         if app.impact_n is not None and app.impact_n > most * (1.0 + UNEVEN_SHARE):
-            hit.append((app.impact_n, app_name(index, app.kind)))
+            hit.append((app.impact_n, app_name(index, app.kind, app.name)))
     if hit:
         hardest = sorted(hit, reverse=True)[:NAMED]
         said = ", ".join(f"{fixed(newton, 1)} N in {name}" for newton, name in hardest)

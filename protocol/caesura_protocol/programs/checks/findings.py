@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from caesura_protocol.app_kinds import app_name
-from caesura_protocol.messages import Vector
+from caesura_protocol.messages import App, Vector
 from caesura_protocol.number_words import fixed
 
 Severity = Literal["error", "warning"]
@@ -16,7 +17,7 @@ Severity = Literal["error", "warning"]
 class Finding:
     """Finding on one app; index and kind are None if it concerns the whole program.
 
-    value, limit: the numbers in the reason, if any.
+    value, limit: the numbers in the reason, if any. name: that an operator gave the app.
     """
 
     severity: Severity
@@ -25,10 +26,17 @@ class Finding:
     reason: str
     value: float | None = None
     limit: float | None = None
+    name: str | None = None
 
     def __str__(self) -> str:
-        where = "program" if self.index is None else app_name(self.index, self.kind or "?")
+        where = "program" if self.index is None else app_name(self.index, self.kind or "?", self.name)
         return f"{self.severity}: {where}: {self.reason}"
+
+
+def with_names(findings: Iterable[Finding], apps: Sequence[App]) -> Iterator[Finding]:
+    """Yield the findings with the names of their apps."""
+    for one in findings:
+        yield one if one.index is None else replace(one, name=apps[one.index].name)
 
 
 def in_mm(place: Vector) -> str:

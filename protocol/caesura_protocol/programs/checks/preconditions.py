@@ -73,7 +73,7 @@ def precondition_findings(apps: Sequence[App]) -> list[Finding]:
 def _regrip(index: int, apps: Sequence[App], held: HeldGrasps) -> Finding:
     """Return a warning for a grasp that changes the grip on what is held; an error for any other one."""
     app, first, last = apps[index], apps[held.first], apps[held.last]
-    holder = app_name(held.first, "grasp")
+    holder = app_name(held.first, first.kind, first.name)
     if app.gripper_width is None or last.gripper_width is None or not is_regrip(app, first, last):
         reason = f"grasps, but {holder} holds something already: an app 'move gripper' must come before it"
         return Finding("error", index, app.kind, reason)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Callable, Iterable
 
 from pydantic import ValidationError
@@ -62,10 +63,15 @@ def first_finding(
         return found
     if one["type"] == "string_pattern_mismatch" and (unseen := _unseen(one["input"], one["ctx"]["pattern"])):
         found = f"expected text on one line without what cannot be seen: leave out {unseen}"
+    if one["type"] in {"too_long", "string_too_long"}:
+        unit = "characters" if one["type"] == "string_too_long" else "items"
+        return f"{place or 'the content'} has {len(one['input'])} {unit}, {found}"
     return f"{place or 'the content'} is {one['input']!r:.80}, {found}"
 
 
 def _unseen(text: str, pattern: str) -> str:
-    """Return the invisible characters of a text that a pattern refuses, by their code points."""
+    """Return the invisible characters of a text that a pattern refuses, by their code points and names."""
     refused = (one for one in dict.fromkeys(text) if not one.isprintable() and not re.search(pattern, one))
-    return ", ".join(f"U+{ord(one):04X}" for one in refused)
+    return ", ".join(
+        f"U+{ord(one):04X} ({unicodedata.name(one, 'control character').lower()})" for one in refused
+    )

@@ -207,6 +207,21 @@ def test_what_is_live_is_drawn_sample_by_sample_on_an_axis_that_stands_still(sta
     stage.kill("cell-7")
 
 
+def test_who_comes_back_to_the_list_finds_what_was_searched(stage: Stage, visitor: Visitor):
+    """The search was empty again after each session that was looked at."""
+    page = goto(stage, visitor, "/sessions")
+    page.locator(".words").fill("done-1")
+    page.get_by_role("button", name="length").click()
+    page.get_by_role("link", name="done-1").click()
+    expect(page.locator("h1")).to_have_text("cell-2 · done-1")
+    page.go_back()
+    expect(page.locator(".words")).to_have_value("done-1")
+    expect(page.locator("tbody tr")).to_have_count(1)
+    expect(page.locator("th.is-length")).to_have_attribute("aria-sort", "ascending")
+    page.get_by_role("link", name="Sessions", exact=True).click()
+    expect(page.locator(".words"), "a new look has no filter").to_have_value("")
+
+
 def test_a_session_that_is_over_can_be_gone_through(stage: Stage, visitor: Visitor):
     page = goto(stage, visitor, "/sessions")
     page.get_by_role("link", name="done-1").click()

@@ -357,6 +357,11 @@ LIST = """() => {
   return [Math.round(y), Math.round(height), box(".unfolded").y - box(".exports").bottom];
 }"""
 GAPS_PX = 16.0  # above and below it
+# Whether nothing lies upon the message of the program.
+IS_WHOLE = """() => {
+  const said = document.querySelector(".program-said"), { x, y, height } = said.getBoundingClientRect();
+  return [3, height / 2, height - 3].every((at) => said.contains(document.elementFromPoint(x + 20, y + at)));
+}"""
 
 
 def test_an_edit_moves_no_app_and_no_line_is_kept_for_what_is_said(stage: Stage, opened: Visitor):
@@ -365,17 +370,22 @@ def test_an_edit_moves_no_app_and_no_line_is_kept_for_what_is_said(stage: Stage,
     card = page.locator(".app").first
     card.get_by_text("Edit", exact=True).click()
     before = page.evaluate(LIST)
+    card.locator(".app-name").fill("reach down slowly until the plate is touched")
     card.locator(".app-note").fill("gently")
     card.locator(".save").click()
-    expect(page.locator(".program-said")).to_contain_text("note set")
+    expect(page.locator(".program-said")).to_contain_text("name set, note set")
     expect(page.locator(".edits")).to_be_visible()
     expect(page.locator(".versions")).to_be_visible()
     assert page.evaluate(LIST) == before
+    assert page.evaluate(IS_WHOLE), "the title of the app whose form is open lies upon the message"
     assert before[2] <= GAPS_PX
     expect(page.locator("#program-title")).to_contain_text("edited by Ann")
     page.locator(".undo-edit").click()
     expect(page.locator(".program-said")).to_have_text(
-        re.compile(r"^Undone: 'move( to contact)?' at \d+\.\d s: note set \(edit 1 by Ann\)\.$")
+        re.compile(
+            r"^Undone: 'reach down slowly until the plate is touched' at \d+\.\d s: name set, note set "
+            r"\(edit 1 by Ann\)\.$"
+        )
     )
     expect(page.locator("#program-title"), "no correction was made").to_contain_text("changed by Ann")
     assert page.evaluate(LIST) == before

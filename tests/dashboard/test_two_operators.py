@@ -24,6 +24,7 @@ from caesura_protocol.messages import (
     Undo,
 )
 from dashboard.browser import DESK, PATIENCE_MS, Visitor, looks_right, needs_chromium
+from dashboard.operator import Operator
 from dashboard.stage import Stage
 from harness.demonstrations import guided
 
@@ -58,6 +59,9 @@ class Beside:
 
     def bob_does(self, action: ProgramAction) -> None:
         edit_program(self._caesura.transport, self._station, "over", action, author="Bob")
+
+    def bob_removes(self, t: float) -> None:
+        self._caesura.remove(self._station, "over", t, author="Bob")
 
     def bob_names(self, name: str) -> None:
         named = NameProgram(name=name)
@@ -222,3 +226,22 @@ def test_tags_and_a_note_of_two_operators_both_count_and_undo_takes_one_back(bes
     expect(form.locator("summary")).not_to_contain_text("mind the cable")
     expect(form.locator(".saved")).to_contain_text("Saved.")
     assert (beside.stated.note, beside.stated.task) == (None, "wipe"), "undo leaves what others have set"
+
+
+TIMES = "() => document.querySelector('.plots').plots.state.changepoints.map(([t]) => t)"
+
+
+def test_a_changepoint_that_goes_while_it_is_dragged_is_named(beside: Beside):
+    """The page stated that no changepoint is selected, and how to select one."""
+    page, operator = beside.page, Operator.at(beside.page, beside.visitor)
+    times = page.evaluate(TIMES)
+    t = times[1]
+    page.mouse.move(*operator.place(t))
+    page.mouse.down()
+    page.mouse.move(*operator.place(t + 0.2))
+    beside.bob_removes(t)
+    page.wait_for_function(f"(count) => ({TIMES})().length < count", arg=len(times))
+    page.mouse.move(*operator.place(t + 0.25))
+    page.mouse.up()
+    operator.is_shown("Not done. The changepoint was moved or removed while you dragged it")
+    expect(page.locator(".corrections li")).to_have_count(1)

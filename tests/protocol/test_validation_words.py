@@ -16,11 +16,15 @@ class Named(BaseModel):
     ("given", "said"),
     [
         # A Persian name and an emoji were refused with a regular expression over code points.
-        ({"author": "علی\u200cرضا 👩\u200d👧"}, "without what cannot be seen: leave out U+200C, U+200D"),
+        (
+            {"author": "علی\u200cرضا 👩\u200d👧"},
+            "leave out U+200C (zero width non-joiner), U+200D (zero width joiner)",
+        ),
         (
             {"author": "Ann\n\u00a0"},
-            "expected text on one line without what cannot be seen: leave out U+000A",
+            "expected text on one line without what cannot be seen: leave out U+000A (control character)",
         ),
+        ({"author": "x" * 65}, "author has 65 characters, expected at most 64 characters"),
         (
             {"station": "Cell 1"},
             "station is 'Cell 1', expected 1 to 64 of a to z, 0 to 9, - and _, and a letter or a digit first",

@@ -76,7 +76,7 @@ export class Plots {
         {
           ...axis, show: isLast, size: AXIS, gap: 2,
           splits: (u, i, low, high, step) => roundTicks(this.state.start, low, high, step),
-          values: (u, ticks) => ticks.map((t, i) => `${+(t - this.state.start).toFixed(5)}${i ? "" : " s"}`),
+          values: (u, ticks) => ticks.map((t, i) => this.time(u, t, i ? "" : " s")),
         },
         { ...axis, size: LEFT, gap: 4, space: 28, values: (u, ticks) => ticks.map((value) => `${+written(panel, value).toFixed(6)}`) },
       ],
@@ -90,6 +90,11 @@ export class Plots {
         setCursor: [(u) => this.read(u, panel)],
       },
     };
+  }
+  time(u, t, unit) { // none at the right edge, where it would be cut
+    const words = `${+(t - this.state.start).toFixed(5)}${unit}`;
+    u.ctx.font = fontOf();
+    return u.valToPos(t, "x") + u.ctx.measureText(words).width / 2 > u.over.clientWidth + RIGHT ? "" : words;
   }
   area(u) {
     const { left, top, width, height } = u.bbox;

@@ -4,6 +4,7 @@ import { BAND_HEIGHT, namedAt } from "caesura-dashboard/marks.js";
 
 const MOVED = 4; // pixels, from which on a press is a drag
 const ROOM = 30;
+const GONE = "Not done. The changepoint was moved or removed while you dragged it: look at what is there now.";
 const LONG_MS = 500; // of a press by a finger that opens the menu
 
 export const pointer = {
@@ -23,6 +24,7 @@ export const pointer = {
       this.selected = found.t;
       this.cursor = this.selected ?? this.within(scale.t(x));
       this.pressedAt = x;
+      this.taken = this.selected;
       this.drag = found.canMove ? "changepoint" : event.shiftKey || event.pointerType === "touch" ? "pan" : "mark";
     },
     changepointAt(x, pointer) { // its time, or null; and whether it can be dragged
@@ -64,7 +66,7 @@ export const pointer = {
       const scale = this.scale();
       if (this.drag === "changepoint") {
         this.ghost = this.within(scale.t(x));
-        this.preview({ do: "move", t: this.selected, to: this.ghost }, "tip");
+        this.preview(this.selected === this.taken ? { do: "move", t: this.selected, to: this.ghost } : null, "tip");
       }
       if (this.drag === "mark") this.marked = [Math.min(x, this.pressedAt), Math.max(x, this.pressedAt)].map((at) => Math.min(Math.max(at, scale.x0), scale.x1));
       if (this.drag === "pan") {
@@ -95,7 +97,8 @@ export const pointer = {
       if (event.type === "pointercancel") return;
       if (drag === "changepoint" && ghost !== null) {
         this.cursor = ghost;
-        this.move();
+        if (this.selected === this.taken) this.move();
+        else this.stateWhyNot(GONE, true);
       }
       if (drag === "mark" && marked) this.show(...marked.map((x) => scale.t(x)));
     },

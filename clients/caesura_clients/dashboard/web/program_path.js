@@ -72,6 +72,9 @@ export default {
     at() { // the app that is run at the time, or that was run last before it
       return this.rows.findLast(({ points }) => points[0][0] <= this.shown) || this.rows[0];
     },
+    chosen() { // the app that is marked; while a simulated run is followed its time is none of the program
+      return this.follows ? null : this.at;
+    },
     stands() {
       return this.said || (this.elsewhere ? "Another simulation is under way on this dashboard." : this.busy ? "" : OFFER);
     },
@@ -225,7 +228,7 @@ export default {
       }
       for (const row of this.rows) {
         const places = row.points.map(([, ...place]) => place);
-        const isAt = row === this.at;
+        const isAt = row === this.chosen;
         if (this.runs.length) line(places, ink, isAt ? 2.5 : 1); // upon the colours of what was measured
         else {
           line(places, ink, isAt ? 6 : 4);
@@ -265,11 +268,14 @@ export default {
       const rank = ({ number }) => (number === this.rows[0].number || number === this.rows.at(-1).number ? 0 : number % 10 === 0 ? 1 : number % 5 === 0 ? 2 : 3);
       const labels = [];
       for (const row of this.rows) {
-        if (row !== this.at) share(labels, of(row.points.at(-1).slice(1)), row);
+        if (row !== this.chosen) share(labels, of(row.points.at(-1).slice(1)), row);
       }
-      const least = (rows) => Math.min(...rows.map(rank)), [x, y] = of(this.at.points.at(-1).slice(1));
+      const least = (rows) => Math.min(...rows.map(rank));
       const others = labels.map(([x, y, rows]) => ({ x, y, rank: least(rows), words: MOSTS.map((most) => ranges(rows.map(({ number }) => number), most)), sort: "number", ...this.room(NUMBERS_PX) }));
-      return [{ x, y, words: [`${this.at.number}`], sort: "number", apart: 0, must: true, chosen: true }, ...others.sort((one, other) => one.rank - other.rank)];
+      others.sort((one, other) => one.rank - other.rank);
+      if (!this.chosen) return others;
+      const [x, y] = of(this.chosen.points.at(-1).slice(1));
+      return [{ x, y, words: [`${this.chosen.number}`], sort: "number", apart: 0, must: true, chosen: true }, ...others];
     },
     arrow(context, [x, y], force, ink) { // what the robot exerts; its tip, if it can be seen
       const [right, up] = this.directions(), newton = Math.hypot(...force);

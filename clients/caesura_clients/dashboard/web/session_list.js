@@ -15,6 +15,7 @@ const COLUMNS = [
 const MOST = 50; // sessions of a dataset
 const named = (one) => one.task || one.session; // as the column of names has it
 const RESULTS = { true: "yes", false: "no", null: "–" };
+const KEPT = "caesura-session-list", FILTERS = ["words", "station", "success", "deleted", "by", "falling"]; // for who comes back to the list
 const order = (a, b) => (typeof a === "number" && typeof b === "number" ? a - b : String(a).localeCompare(String(b)));
 
 export default {
@@ -27,6 +28,11 @@ export default {
     asking: false, message: "", failed: false,
     warning: "", damaged: [], sessions: null, words: "", chosen: [], station: "", success: "", deleted: false, by: "opened", falling: true, columns: COLUMNS, most: MOST,
   }),
+  created() {
+    const [{ type } = {}] = performance.getEntriesByType("navigation");
+    if (type !== "navigate") Object.assign(this, JSON.parse(sessionStorage.getItem(KEPT)));
+    this.$watch(this.filters, (now) => sessionStorage.setItem(KEPT, JSON.stringify(now)), { immediate: true });
+  },
   template: `
     <div>
       <div role="alert"><p v-if="warning" class="banner">{{ warning }}</p></div>
@@ -95,6 +101,9 @@ export default {
     },
   },
   methods: {
+    filters() {
+      return Object.fromEntries(FILTERS.map((name) => [name, this[name]]));
+    },
     older() {
       Object.assign(this, { asking: true, message: "", failed: false });
       this.$emit("older", this.station);

@@ -45,9 +45,9 @@ export const undoing = {
       if (!this.canRedo) return this.stateWhyNot("There is nothing to redo.");
       this.edit(this.redoAction, { redoes: true, number: this.toTakeBack });
     },
-    stateWhyNot(message) { // of the last act nothing stays on the page: it would be the answer to this key
+    stateWhyNot(message, failed = false) { // of the last act nothing stays on the page: it would be the answer to this key
       if (!this.editable || this.session === "" || this.busy) return;
-      Object.assign(this, { message, failed: false, refusedAt: null, doubt: "", inList: false });
+      Object.assign(this, { message, failed, refusedAt: null, doubt: "", inList: false });
     },
     acted() { // the service has made it: one revision more than was seen
       const { undoes, redoes, number, seen } = this.act, at = seen + 1;

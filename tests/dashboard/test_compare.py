@@ -76,6 +76,26 @@ def loaded(page: Page) -> None:
     page.wait_for_function(LOADED, polling=LOOK_MS)
 
 
+TOPS = "() => [...document.querySelectorAll('.plots')].map((one) => one.getBoundingClientRect().y)"
+
+
+def test_the_plots_of_both_sides_begin_alike(stage: Stage, opened: Visitor):
+    """A long name moved those of its side down, and a time was not beside itself."""
+    for station in ("cell-7", "cell-8"):
+        stage.teach(station, guided(), session="one", pace="fast")
+        stage.wait(station)
+    with stage.reader() as caesura:
+        caesura.describe("cell-7", "one", author="Ann", task="wipe the table " * 8)
+    opened.begin_again(DESK)
+    page = opened.page
+    page.goto(f"{stage.dashboard.url}/compare?first=cell-7/one&second=cell-8/one")
+    expect(page.locator(".pair h2").first).to_contain_text("wipe the table wipe")
+    loaded(page)
+    first, second = page.evaluate(TOPS)
+    assert first == second
+    assert opened.errors == []
+
+
 def test_both_sides_share_the_range_of_each_signal(stage: Stage, opened: Visitor):
     """A press of 8 N and one of 32 N were drawn equally high."""
     weak = guided()

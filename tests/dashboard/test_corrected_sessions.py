@@ -566,6 +566,9 @@ IS_ON_TOP = """(one) => {
 DISCONNECT = "() => { window.socket.emit = () => {}; }"  # as a connection that is lost, and never comes back
 
 
+OFFER = "Simulate runs the program on the simulated arm, in a cell that is built from the program."
+
+
 def test_what_is_lost_with_the_connection_is_stated_when_the_page_is_loaded_again(
     stage: Stage, visitor: Visitor
 ):
@@ -607,8 +610,9 @@ def test_what_is_lost_with_the_connection_is_stated_when_the_page_is_loaded_agai
     page.reload()
     expect(page.locator(".app").first).to_be_visible()
     settled(page)
-    for one in (said, edited, run, page.locator(".description .saved")):
+    for one in (said, edited, page.locator(".description .saved")):
         expect(one, "it is stated once").to_have_text("")
+    expect(run, "it is stated once").to_have_text(OFFER)
 
 
 def test_the_first_edit_of_a_program_asks_for_a_name(stage: Stage, visitor: Visitor):

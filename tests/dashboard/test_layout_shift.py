@@ -377,7 +377,7 @@ def test_an_edit_moves_no_app_and_no_line_is_kept_for_what_is_said(stage: Stage,
     expect(page.locator(".edits")).to_be_visible()
     expect(page.locator(".versions")).to_be_visible()
     assert page.evaluate(LIST) == before
-    assert page.evaluate(IS_WHOLE), "the title of the app whose form is open lies upon the message"
+    assert page.evaluate(IS_WHOLE), "nothing lies upon the message"
     assert before[2] <= GAPS_PX
     expect(page.locator("#program-title")).to_contain_text("edited by Ann")
     page.locator(".undo-edit").click()

@@ -32,6 +32,7 @@ export default {
   template: `
     <div class="program">
     <section class="program-column" aria-labelledby="program-title">
+      <staying v-if="program" class="program-said" :class="{ failed }" :lines="0" upon>{{ message }}</staying>
       <h2 id="program-title">Program <small v-if="program">{{ program.name }} version <span class="version">{{ program.version }}</span>{{
         program.complete ? ", complete" : ", being taught" }}{{ edited }}</small></h2>
       <div v-if="program" class="program-tools">
@@ -50,7 +51,6 @@ export default {
           <label>Your name <input ref="author" class="author" v-model="draft" maxlength="64" autocomplete="name" required></label>
           <button class="save-name">Save</button> <button type="button" @click="asked = null">Cancel</button></form>
       </div>
-      <staying v-if="program" class="program-said" :class="{ failed }" :lines="0" upon>{{ message }}</staying>
       <div v-if="program" class="unfolded">
       <details v-if="program.notes.length" class="program-notes"><summary>Notes: {{ program.notes.length }}</summary>
         <ul class="notes" aria-label="Notes"><li v-for="note in program.notes" :key="note">{{ note }}</li></ul></details>

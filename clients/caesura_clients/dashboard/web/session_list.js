@@ -131,7 +131,7 @@ export default {
       if (failed) return;
       this.made = { ...this.made, [name]: deleted };
       setTimeout(() => this.forget(name), ARRIVES_MS);
-      if (document.activeElement === document.body) this.$nextTick(() => this.$refs.undo?.focus({ preventScroll: true })); // the button went with its row
+      this.$nextTick(() => document.activeElement === document.body && this.$refs.undo?.focus({ preventScroll: true })); // the button went with its row
     },
     forget(name) {
       const { [name]: _, ...others } = this.made;

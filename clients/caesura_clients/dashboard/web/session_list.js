@@ -14,6 +14,8 @@ const COLUMNS = [
 ];
 const MOST = 50; // sessions of a dataset
 const named = (one) => one.task || one.session; // as the column of names has it
+const BRIEF = 40; // letters of a name in a message, which would cover the list
+const brief = (name) => (Array.from(name).length > BRIEF ? `${Array.from(name).slice(0, BRIEF - 1).join("")}…` : name);
 const RESULTS = { true: "yes", false: "no", null: "–" };
 const KEPT = "caesura-session-list", FILTERS = ["words", "station", "success", "deleted", "by", "falling"]; // for who comes back to the list
 const order = (a, b) => (typeof a === "number" && typeof b === "number" ? a - b : String(a).localeCompare(String(b)));
@@ -115,7 +117,7 @@ export default {
       const { station, session, task, operator, note, tags, success } = one;
       const before = { task: task || null, operator: operator || null, note: note || null, tags, success, deleted: !deleted };
       changes();
-      Object.assign(this, { isDeleting: true, changed: { name: this.nameOf(one), words: named(one), deleted }, outcome: deleted ? "Deleting …" : "Restoring …", refused: false });
+      Object.assign(this, { isDeleting: true, changed: { name: this.nameOf(one), words: brief(named(one)), deleted }, outcome: deleted ? "Deleting …" : "Restoring …", refused: false });
       const author = storedAuthor();
       this.$emit("ask", { station, request: { type: "describe", author, session, before, description: { ...before, deleted } } });
     },

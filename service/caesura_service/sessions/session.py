@@ -321,9 +321,14 @@ class Session:
         return self._receiver.announce_seq(heartbeat.seq, now)
 
     def _receive_opening(self, reopening: Open, now: float) -> list[Output]:
-        own = {"preset": reopening.preset or self._opening.preset, "description": self._opening.description}
+        own: dict[str, object] = {
+            "preset": reopening.preset or self._opening.preset,
+            "description": self._opening.description,
+        }
         if self._has_lost_up(reopening):
             own["up"] = None
+        if not self._opening.assumed or not reopening.assumed:
+            own["assumed"] = self._opening.assumed  # an older bridge or service leaves it out: it is a note
         reopening = reopening.model_copy(update=own)
         try:
             next_state(self.state.lifecycle, "open")

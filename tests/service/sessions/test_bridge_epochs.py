@@ -16,6 +16,9 @@ from harness.sessions import (
     opening,
 )
 
+FIRST, SECOND = "robot-1-17-aaaa", "robot-2-18-bbbb"
+ASSUMED = ("quaternion_order",)
+
 
 def test_opening_twice_alike_is_no_error_and_says_how_far_it_is():
     session, _ = open_session()
@@ -52,6 +55,25 @@ def test_a_direction_that_an_older_service_left_out_of_its_journal_ends_no_sessi
             session.receive(stated.model_copy(update=other), 0.0)
 
 
+@pytest.mark.parametrize(("first", "second"), [((), ASSUMED), (ASSUMED, ())], ids=["newer", "older"])
+@pytest.mark.parametrize("epoch", [0, 1], ids=["the same bridge", "its successor"])
+def test_a_bridge_of_another_release_continues_a_session_though_one_of_them_names_no_assumptions(
+    first, second, epoch
+):
+    # A bridge before 2026-11-26 names none, and a service before it leaves them out of its journal.
+    session, _ = open_session(bridge=FIRST, assumed=first)
+    again = opening(bridge=FIRST, assumed=second, epoch=epoch)
+    assert answer(session.receive(again, 0.0)) == Ack(session="s1", next_seq=0, state="open")
+    session.receive(batch(0, bridge=FIRST, epoch=epoch), 0.0)
+    assert answer(session.receive(again, 0.0)) == Ack(session="s1", next_seq=1, state="open")
+
+
+def test_other_assumptions_than_those_of_the_session_are_a_conflict():
+    session, _ = open_session(bridge=FIRST, assumed=ASSUMED)
+    with pytest.raises(ProtocolError, match="open with another setting: assumed"):
+        session.receive(opening(bridge=FIRST, assumed=("force_frame",)), 0.0)
+
+
 def test_another_direction_than_that_of_the_session_is_a_conflict():
     session, first = open_session(bridge=FIRST, up=(0.0, 0.0, -1.0))
     assert answer(first).up == (0.0, 0.0, -1.0)
@@ -78,9 +100,6 @@ def test_what_a_bridge_took_with_it_is_a_gap_though_it_was_unknown():
     session.receive(batch(1, epoch=1), 0.0)
     (gap,) = session.state.view.gaps
     assert gap.reason == "evicted"
-
-
-FIRST, SECOND = "robot-1-17-aaaa", "robot-2-18-bbbb"
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,10 @@ from caesura_protocol.number_words import counted, fixed
 from caesura_protocol.session_time_display import NO_OFFSET, SessionClock
 
 NOTHING_CHANGES = "Nothing changes."  # of an edit without an effect
+ELSEWHERE = (
+    "Results change elsewhere, too: another version of the service had inferred them, and an edit infers the "
+    "session again."
+)
 
 _WORDS: Mapping[str, str] = {
     "insert": "inserted a changepoint at {t} s",
@@ -176,7 +180,13 @@ def effect_words(effect: EditEffect, clock: SessionClock = NO_OFFSET) -> list[st
     said = [*segments, *_apps(effect, clock), *_phases(effect, clock)]
     if effect.more:
         said.append(f"{effect.more} segments, apps and phases are not listed")
-    return [f"{words[0].upper()}{words[1:]}." for words in said] or [NOTHING_CHANGES]
+    sentences = [f"{words[0].upper()}{words[1:]}." for words in said] or [NOTHING_CHANGES]
+    return [*sentences, *filter(None, [elsewhere_words(effect)])]
+
+
+def elsewhere_words(effect: EditEffect) -> str:
+    """Return why an edit changes results that its effect does not list; empty if it changes none."""
+    return ELSEWHERE if effect.inferred_again else ""
 
 
 def _phases(effect: EditEffect, clock: SessionClock) -> Iterator[str]:

@@ -8,6 +8,8 @@ import pytest
 
 from caesura_clients.cli.edit import _print_corrections
 from caesura_clients.correction_words import (
+    ELSEWHERE,
+    NOTHING_CHANGES,
     changepoint_made,
     changepoint_meant,
     described,
@@ -135,6 +137,12 @@ def test_segments_become_others_of_which_a_few_are_named():
         "motion 2.00 to 3.00 s and 6 more.",
         "3 segments, apps and phases are not listed.",
     ]
+
+
+def test_results_of_another_version_that_an_edit_infers_again_are_named_with_the_reason():
+    found = effect(segments_after=outlines("hold"), inferred_again=True)
+    assert effect_words(found) == ["Hold 0.00 to 1.00 s is added.", ELSEWHERE]
+    assert effect_words(effect(inferred_again=True)) == [NOTHING_CHANGES, ELSEWHERE]
 
 
 @pytest.mark.parametrize(

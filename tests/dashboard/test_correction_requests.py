@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from caesura_clients import session_corrections
+from caesura_clients.correction_words import ELSEWHERE
 from caesura_clients.dashboard.correction_requests import (
     EditRefused,
     correct,
@@ -123,6 +124,13 @@ def test_a_refusal_is_passed_on_in_words(error, words):
     assert (str(refused.value), refused.value.revision) == (words, 3)
     found = preview(ask, "cell-1", {"session": "s1", "revision": 3, "do": "remove", "t": 9.2})
     assert found == {"words": [words], "rows": [], "span": [0.0, 0.0], "failed": True}
+
+
+def test_a_correction_that_has_a_session_inferred_again_states_that_other_results_change():
+    effect = EditEffect(first_segment=0, first_app=0, inferred_again=True)
+    ack = Ack(session="s1", next_seq=0, state="closed", revision=4, effect=effect)
+    made = correct(lambda *_: ack, "cell-1", {**ASKED, "do": "remove", "t": 2.0})
+    assert made == ("Changepoint at 2.00 s removed.", ELSEWHERE)
 
 
 def test_a_preview_states_sentences_and_the_segments_of_its_span():

@@ -10,7 +10,14 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from caesura_clients.correction_words import NOTHING_CHANGES, effect_words, landed, moved_words, relabel_doubt
+from caesura_clients.correction_words import (
+    NOTHING_CHANGES,
+    effect_words,
+    elsewhere_words,
+    landed,
+    moved_words,
+    relabel_doubt,
+)
 from caesura_clients.refusal_words import Refused, refusal_words
 from caesura_clients.session_corrections import is_stale, send
 from caesura_protocol.errors import CaesuraError, ProtocolError
@@ -39,7 +46,10 @@ _ASKED: TypeAdapter[Action | Since] = TypeAdapter(Annotated[Action | Since, Fiel
 
 
 class Corrected(NamedTuple):
-    """A sentence on an applied correction, and why it may make no sense; empty without a doubt."""
+    """A sentence on an applied correction, and what to look at after it.
+
+    doubt: why it may make no sense, and whether other results changed; mostly empty.
+    """
 
     words: str
     doubt: str = ""
@@ -71,8 +81,9 @@ def correct(ask: Corrector, station: str, request: Request, clock: SessionClock 
         ack = ask(station, edit.model_copy(update={"with_effect": True}))
     except (ProtocolError, CaesuraError) as error:
         raise refused(error, edit, clock) from error
-    doubt = "" if ack.effect is None else relabel_doubt(edit.action, ack.effect)
-    return Corrected(done(edit, ack, clock), doubt)
+    effect = ack.effect
+    beside = [] if effect is None else [relabel_doubt(edit.action, effect), elsewhere_words(effect)]
+    return Corrected(done(edit, ack, clock), " ".join(filter(None, beside)))
 
 
 def refused(

@@ -180,6 +180,9 @@ class EditEffect(Message):
     phases_before: Annotated[Listed[PhaseOutline], Field(max_length=MAX_EFFECT_ROWS)] = ()
     phases_after: Annotated[Listed[PhaseOutline], Field(max_length=MAX_EFFECT_ROWS)] = ()
     more: Count = 0  # rows that are not listed, of all six together
+    inferred_again: bool = (
+        False  # another version made the session's results: others change with the edit, too
+    )
 
 
 class Correction(Message):

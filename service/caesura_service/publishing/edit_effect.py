@@ -51,6 +51,13 @@ def effect_of(before: SessionState, after: SessionState) -> EditEffect:
     )
 
 
+def is_alike(one: SessionState, other: SessionState) -> bool:
+    """Return whether two states of a session have the same outlines; gives way to other work meanwhile."""
+    effect = effect_of(one, other)
+    segments, apps = (effect.segments_before, effect.segments_after), (effect.apps_before, effect.apps_after)
+    return not any((*segments, *apps, effect.phases_before, effect.phases_after))
+
+
 def _difference(
     before: Sequence[M], after: Sequence[M], outline: type[Row], apart: Collection[str] = ()
 ) -> _Difference[Row]:

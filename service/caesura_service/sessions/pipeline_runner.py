@@ -30,7 +30,7 @@ from caesura_protocol.messages import (
 )
 from caesura_service.journal import AppliedEdit, AppliedProgramEdit
 from caesura_service.publishing import state_updates
-from caesura_service.publishing.edit_effect import effect_of
+from caesura_service.publishing.edit_effect import effect_of, is_alike
 from caesura_service.publishing.events import BatchRejected, Output, Owner, Publish, SessionFailed
 from caesura_service.publishing.lifecycle_transitions import Lifecycle, LifecycleEvent, next_state
 from caesura_service.publishing.session_state import (
@@ -76,6 +76,7 @@ class PipelineHost:
         self.corrections = EditHistory()
         self._pipeline = pipeline
         self._applied_corrections: tuple[ResolvedEdit, ...] = ()  # corrections that the pipeline applies
+        self._is_outdated = False  # another version made the state, and this one infers other results
         self._limits = limits
         self._status_t = 0.0  # [s] session time of the last status
         self._program_t = 0.0  # [s] session time of the last published program
@@ -216,7 +217,7 @@ class PipelineHost:
         if isinstance(action, Since):
             then = self.corrections.up_to(action.number)
             _, before, after = self._corrected(then, present)
-            return effect_of(after, before)
+            return self._effect(after, before)
         edit = Edit(session=asked.session, revision=asked.revision, author="preview", action=action)
         return self._prepare(edit, at, present).effect
 
@@ -227,7 +228,11 @@ class PipelineHost:
         corrections = self.corrections.after(edit, at, present.resolve)
         corrected, before, after = self._corrected(corrections, present)
         outcome = state_updates.EditOutcome(corrections, edit.author, at)
-        return PreparedEdit(outcome, corrected, effect_of(before, after))
+        return PreparedEdit(outcome, corrected, self._effect(before, after))
+
+    def _effect(self, before: SessionState, after: SessionState) -> EditEffect:
+        """Return the effect of corrections alone; it states whether further results change."""
+        return effect_of(before, after).model_copy(update={"inferred_again": self._is_outdated})
 
     def _corrected(
         self, corrections: EditHistory, present: Pipeline
@@ -244,6 +249,15 @@ class PipelineHost:
 
     def apply_edit(self, edited: state_updates.EditOutcome, pipeline: Pipeline) -> list[Output]:
         """Replace history and pipeline by the edited ones, and publish the differences."""
+        if self._is_outdated:
+            logger.warning(
+                "%s/%s: another version of the service had inferred its results. For an edit by %s it is "
+                "inferred again, and results change elsewhere, too",
+                self.state.station,
+                self.state.session,
+                edited.author,
+            )
+            self._is_outdated = False
         self.corrections, self._pipeline = edited.corrections, pipeline
         self._applied_corrections = edited.corrections.active
         self.state, outputs = state_updates.apply_edit(self.state, pipeline.view, edited)
@@ -335,6 +349,7 @@ class PipelineHost:
         """Use pipeline and history of the same session, rebuilt from its records; keep the state."""
         self._pipeline, self.corrections = rebuilt._pipeline, rebuilt.corrections
         self._applied_corrections = rebuilt._applied_corrections
+        self._is_outdated = not is_alike(self.state, rebuilt.state)
 
     def reject(self, error: ProtocolError) -> list[Output]:
         """Count a refusal, and publish it in a status."""

@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 from caesura_protocol.messages import (
     Ack,
     Changepoints,
+    Edit,
+    EditEffect,
+    Insert,
+    Preview,
     Program,
+    Redo,
+    Since,
     Undo,
 )
 from caesura_service.journal import MemoryJournal
@@ -62,6 +70,54 @@ def test_what_was_taken_up_from_its_outcome_is_rebuilt_before_it_is_corrected():
     assert T not in [one.t for one in standing.view.changepoints]
     assert [one.seq for one in published(said, Changepoints)] == [before.last_seq["changepoints"] + 1]
     assert [one.version for one in published(said, Program)] == [before.program_header.version + 1]
+
+
+def shown_by_another_version(journal: MemoryJournal) -> tuple[Registry, SessionState]:
+    """A service with a closed session, whose stored outcome has another boundary than it infers itself."""
+    closed_and_taken_up(journal)
+    stored = journal.outcome(STATION, NAME)
+    segments = stored.snapshot.segments.segments
+    moved = (
+        segments[0].model_copy(update={"tn": segments[0].tn - 0.05}),
+        segments[1].model_copy(update={"t0": segments[1].t0 - 0.05}),
+        *segments[2:],
+    )
+    listed = stored.snapshot.segments.model_copy(update={"segments": moved})
+    snapshot = stored.snapshot.model_copy(update={"segments": listed})
+    journal.store_outcome(STATION, dataclasses.replace(stored, snapshot=snapshot))
+    registry = new_registry(journal)
+    registry.restore()
+    return registry, registry.index.all_states()[0]
+
+
+def effect(registry: Registry, command: Edit | Preview) -> EditEffect:
+    """Have a closed session rebuilt, and return the effect that a command has on it."""
+    registry.handle_command(STATION, command, 4.0)
+    stepped(registry)
+    replied = answer(registry.handle_command(STATION, command, 4.0))
+    assert isinstance(replied, Ack)
+    assert replied.effect is not None
+    return replied.effect
+
+
+def test_an_edit_of_results_that_another_version_inferred_states_that_others_change(caplog):
+    # An old release had found 12 segments; after an edit and its undo there were 13, and nothing told why.
+    registry, shown = shown_by_another_version(MemoryJournal())
+    preview = Preview(session=NAME, revision=1, action=Insert(t=2.035))
+    assert effect(registry, preview).inferred_again
+    assert effect(registry, Preview(session=NAME, revision=1, action=Since(number=0))).inferred_again
+    assert registry.index.all_states()[0].view == shown.view, "a preview changes nothing"
+    made = effect(registry, edit(1, Undo()).model_copy(update={"with_effect": True}))
+    assert made.inferred_again
+    assert "another version of the service had inferred its results" in caplog.text
+    assert not effect(registry, edit(2, Redo()).model_copy(update={"with_effect": True})).inferred_again
+
+
+def test_an_edit_of_results_that_this_version_inferred_changes_no_others(caplog):
+    registry, _ = closed_and_taken_up(MemoryJournal())
+    made = effect(registry, edit(1, Undo()).model_copy(update={"with_effect": True}))
+    assert not made.inferred_again
+    assert "another version" not in caplog.text
 
 
 def test_where_the_records_are_gone_a_correction_says_so():

@@ -162,7 +162,8 @@ def _check_damage(status: ServiceStatus) -> Iterator[CheckResult]:
     """Yield a warning for each session of the journal whose results cannot be read."""
     for _, one in damaged_in([status]):
         damage = f"{status.instance}: {one.station}/{one.session}: {damage_words(one)}"
-        yield CheckResult("warn", "journal", damage, "check the disk of the journal")
+        remedy = "check the disk of the journal; after an upgrade, the release before may read it"
+        yield CheckResult("warn", "journal", damage, remedy)
     if unlisted := unlisted_words([status]):
         yield CheckResult(
             "warn", "journal", f"{status.instance}: {unlisted}", "check the disk of the journal"

@@ -239,6 +239,12 @@ class Journal(Protocol):
     def check_readable(self) -> None:
         """Read everything once. Raises JournalError if the disk refuses that."""
 
+    def mark_unreadable(self, station: str, session: str, why: str) -> None:
+        """List a session as damaged in the report: it cannot be rebuilt, and stays as it is.
+
+        Raises JournalError.
+        """
+
     def quarantine(self, station: str, session: str, why: str) -> str:
         """Rename a damaged session to free its name; return the new one. Raises JournalError."""
 

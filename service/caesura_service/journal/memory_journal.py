@@ -165,6 +165,9 @@ class MemoryJournal:
     def check_readable(self) -> None:
         """Return at once: memory is readable."""
 
+    def mark_unreadable(self, station: str, session: str, why: str) -> None:
+        """Return at once: a journal in memory reports no session as damaged."""
+
     def quarantine(self, station: str, session: str, why: str) -> str:
         """Delete a damaged session: a journal in memory keeps none."""
         self.delete(station, session)

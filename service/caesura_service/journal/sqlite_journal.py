@@ -276,14 +276,28 @@ class SqliteJournal(SqliteWriter):
             found = self._reader.execute(SELECT_OUTCOME, key).fetchone()
         return None if found is None else read(key, found)
 
-    def _add_unreadable(self, key: Key, why: str, level: int = logging.WARNING) -> None:
+    def mark_unreadable(self, station: str, session: str, why: str) -> None:
+        """List a session as damaged in the report: it cannot be rebuilt, and stays as it is.
+
+        Raises JournalError.
+        """
+        key = (station, session)
+        with self._unreadable.lock:
+            if (opened := self._opened(key)) is not None:
+                self._unreadable.add(key, opened, why)
+
+    def _opened(self, key: Key) -> float | None:
+        """Return the time of day at which a session was opened [s]; None if the file has no such session."""
         with self._reading, map_sqlite_errors(self.path):
             found = self._reader.execute(SELECT_OPENED, key).fetchone()
-        if found is None:
+        return None if found is None else float(found[0])
+
+    def _add_unreadable(self, key: Key, why: str, level: int = logging.WARNING) -> None:
+        if (opened := self._opened(key)) is None:
             return
         if not self._unreadable.has(key):  # logged before a client can learn of it
             logger.log(level, UNREADABLE_OUTCOME, "/".join(key), why)
-        self._unreadable.add(key, found[0], why)
+        self._unreadable.add(key, opened, why)
 
     def _check_outcomes(self) -> Generator[None, None, None]:
         """Check that the outcome of each closed session can be read, one a step. Raises JournalError."""

@@ -51,7 +51,7 @@ from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.ownership.station_limit import StationLimit, last_opened
 from caesura_service.ownership.station_ownership import StationOwnership
 from caesura_service.ownership.stored_sessions import StoredSessions
-from caesura_service.ownership.takeover import SessionFactory, Takeover, is_behind
+from caesura_service.ownership.takeover import SessionFactory, Takeover, is_behind, why_not
 from caesura_service.ownership.takeovers_in_turns import TakeoversInTurns
 from caesura_service.ownership.tolerance_limits import check_tolerances
 from caesura_service.program_edits.replacement_apps import apps_for
@@ -454,7 +454,7 @@ class Registry:
             failed = [out.error for out in outputs if isinstance(out, TakeoverFailed) and out.session == name]
             if failed and isinstance(failed[0], JournalError):
                 raise ProtocolError("overloaded", str(failed[0]), value=name)
-            why = "cannot be read"
+            why = f"cannot be rebuilt ({why_not(failed[0])})" if failed else "cannot be read"
         raise ProtocolError(
             "conflict",
             f"the journal has a session of this name, which {why}: choose another name",

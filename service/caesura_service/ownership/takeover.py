@@ -94,6 +94,13 @@ class SessionFactory:
         )
 
 
+def why_not(error: Exception) -> str:
+    """Return why a session cannot be rebuilt, without the list of what would be accepted."""
+    if not isinstance(error, ProtocolError):
+        return f"{type(error).__name__}: {error}"
+    return error.message if error.value is None else f"{error.message}; value {error.value!r}"
+
+
 class Takeover:
     """Brings sessions of one journal and its peers up to the furthest copy (`Copy.progress`)."""
 
@@ -170,7 +177,14 @@ class Takeover:
             raise
         except Exception as error:
             yield [TakeoverFailed(*key, error)]
+            self._list_unreadable(copies, error)
             return None
+
+    def _list_unreadable(self, copies: SessionCopies, error: Exception) -> None:
+        """List a session that cannot be rebuilt as damaged, unless its outcome answers queries."""
+        with suppress(JournalError):
+            if copies.own is not None and self._journals.own_outcome(copies.own) is None:
+                self._own.mark_unreadable(*copies.own.key, f"it cannot be rebuilt: {why_not(error)}")
 
     def _replay_readable(self, copy: Copy, owner: Owner) -> Generator[list[Output], None, Session]:
         """Replay a session; repeat it once if it may have been temporarily unreadable.

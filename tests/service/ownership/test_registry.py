@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from caesura_protocol.errors import ProtocolError
@@ -325,6 +327,23 @@ def test_a_session_that_cannot_be_rebuilt_is_left_out_and_named():
     failed = rebuilt.restore()
     assert [(each.session, type(each.error)) for each in failed] == [("s3", ProtocolError), ("s4", TypeError)]
     assert names(rebuilt, STATION) == ["s1", "s2"]
+
+
+def test_an_open_session_that_cannot_be_rebuilt_is_reported_with_the_reason(tmp_path: Path):
+    """One of a preset that an update has removed was in no list, and doctor found no fault."""
+    with SqliteJournal(tmp_path / "caesura-1.sqlite") as journal:
+        opened(new_registry(journal), STATION, "s1")
+        journal.append(Record(STATION, "s3", 7.0, opening("s3", preset="gone")), now=True)
+        rebuilt = new_registry(journal)
+        assert [each.session for each in rebuilt.restore()] == ["s3"]
+        journal.enforce_retention(8.0)
+        (found,) = rebuilt.journal_report().damaged
+        assert (found.session, found.opened, found.set_aside) == ("s3", 7.0, False)
+        assert found.why == "it cannot be rebuilt: unknown preset; value 'gone'"
+        refusal = answer(rebuilt.handle_command(STATION, opening("s3"), 9.0))
+        assert isinstance(refusal, ProtocolError)
+        assert "cannot be rebuilt (unknown preset; value 'gone')" in refusal.message
+        assert names(rebuilt, STATION) == ["s1"], "others go on"
 
 
 # --- shouting -------------------------------------------------------------------------------------------

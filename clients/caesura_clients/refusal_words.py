@@ -30,9 +30,16 @@ def refusal_words(
             f"another operator changed this meanwhile (it is at revision {error.limit}, "
             f"you saw {error.value}): look at what is there now, and do it again"
         )
+    if action is not None and _has_no_such(error, action):
+        return f"the service has no action {action.do!r}: it is an older version. Update it"
     if _is_time(error, action):
         return _of_time(error, action, clock)
     return clock.text(f"{error.message}{_found(error, action)}{_there_is(error, clock)}")
+
+
+def _has_no_such(error: ProtocolError, action: Refused) -> bool:
+    """Return whether a service refuses a kind of action that came after its version."""
+    return error.code == "malformed" and f"Input tag {action.do!r} found" in error.message
 
 
 def _is_time(error: ProtocolError, action: Refused | None) -> bool:

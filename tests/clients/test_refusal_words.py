@@ -20,6 +20,7 @@ from caesura_protocol.messages import (
     Relabel,
     Remove,
     ReplacePart,
+    Since,
     TakeBack,
     Undo,
 )
@@ -167,6 +168,18 @@ def test_a_refusal_says_what_to_do_and_has_no_field_of_the_wire(error, action, w
 )
 def test_times_of_day_are_those_of_the_clock_that_people_read(error, action, words):
     assert refusal_words(error, action, DAY) == words
+
+
+def test_an_action_that_an_older_service_lacks_is_named_with_what_to_do():
+    """The answer was pydantic's, with the list of all actions."""
+    lacking = (
+        "Control.command.preview.action: Input tag 'since' found using 'do' does not match any of the tags"
+    )
+    error = malformed(lacking, value="{'do': 'since', 'number': 0}")
+    words = "the service has no action 'since': it is an older version. Update it"
+    assert refusal_words(error, Since(number=0)) == words
+    assert said(error, Since(number=0)) == f"Not done: {words}."
+    assert refusal_words(error, Undo()).startswith("Control.command.preview.action: "), "another one's"
 
 
 def test_a_pedal_whose_mark_is_refused_says_so_in_the_same_words():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -589,3 +590,36 @@ def test_a_rest_before_a_stroke_touches_with_as_little_force_as_one_after_it(
         segment("transport", 1.0, 2.0), segment("hold", 2.0, 3.0, **still), stroke, grips=(GRASP,), at=at
     )
     assert kinds(apps)[-len(made) :] == made
+
+
+def test_a_touch_whose_boundary_lies_in_the_carry_before_it_is_a_press() -> None:
+    """The end of a carry was inferred as a contact, and pulled straight down: it was read as a carry.
+
+    It still counted as the contact before the search of a hole. The direction in which that must push back
+    was then the noise of its weight, and the search was a carry.
+    """
+    begins, touches, rests = (0.05, 0.0, 0.158), (0.07, 0.0, 0.158), (0.12, 0.0, 0.158)
+
+    def at(t: float) -> Moment:
+        x = float(np.interp(t, [3.0, 3.5, 4.0, 6.0], [0.03, 0.05, 0.07, 0.12]))
+        z = float(np.interp(t, [1.0, 2.0, 3.5], [0.16, 0.25, 0.158]))
+        force = (0.0, 0.1 * (t > 3.5), -GRAVITY * 0.8 + 11.0 * (t >= 3.9))
+        return Moment((x, 0.0, z), None, None, 0.05, force)
+
+    made = program(
+        segment("transport", 1.0, 3.5, load_kg=0.8, load_sd_kg=0.02),
+        segment(
+            "sliding",
+            3.5,
+            4.0,
+            force_held=(0.0, 0.1, -GRAVITY * 0.8),
+            position_start=begins,
+            position_end=touches,
+        ),
+        segment("motion", 4.0, 6.0, position_start=touches, position_end=rests),
+        grips=(GRASP,),
+        at=at,
+    )
+    (press,) = (app for app in made if app.kind == "apply_force")
+    assert press.segments == (2,)
+    assert math.hypot(*(press.force_taught or ())) == pytest.approx(11.0, abs=0.5)

@@ -623,3 +623,63 @@ def test_a_touch_whose_boundary_lies_in_the_carry_before_it_is_a_press() -> None
     (press,) = (app for app in made if app.kind == "apply_force")
     assert press.segments == (2,)
     assert math.hypot(*(press.force_taught or ())) == pytest.approx(11.0, abs=0.5)
+
+
+def test_a_fast_lift_hangs_by_the_mean_of_its_force() -> None:
+    """Inertia made the median of a lift of 0.4 s lean by 32°: a run had a press of 5.5 N."""
+    forces = {3.1: (0.0, -0.6, -6.7), 3.2: (-0.9, -2.6, -5.2), 3.3: (-0.1, 2.0, -2.5), 3.4: (-0.9, 2.4, -3.5)}
+
+    def at(t: float) -> Moment:
+        place = (
+            0.0,
+            float(np.interp(t, [3.0, 3.4], [0.0, 0.04])),
+            float(np.interp(t, [3.0, 3.4], [0.1, 0.15])),
+        )
+        force = forces.get(round(t, 1), (0.0, 0.0, 10.0 if t < 3.0 else -4.6))
+        return Moment(place, None, None, 0.05, force)
+
+    lift = {"position_start": (0.0, 0.0, 0.1), "position_end": (0.0, 0.04, 0.15)}
+    made = program(
+        segment(
+            "contact",
+            1.0,
+            3.05,
+            force_held=(0.0, 0.0, 10.0),
+            position_start=(0.0, 0.0, 0.1),
+            position_end=(0.0, 0.0, 0.1),
+        ),
+        segment("sliding", 3.05, 3.45, force_held=(-0.9, 2.2, -3.5), **lift),
+        segment("transport", 3.45, 5.0, load_kg=0.47, load_sd_kg=0.1, position_start=(0.0, 0.04, 0.15)),
+        grips=(GripperAction(2.0, "grasp", 0.03),),
+        at=at,
+    )
+    assert kinds(made) == ["grasp", "transport", "transport"]
+    assert made[1].load_kg == pytest.approx(0.47, abs=0.02)
+
+
+@pytest.mark.parametrize(("bias_n", "becomes"), [(2.5, "hold"), (6.0, "apply_force")])
+def test_a_rest_with_the_force_of_the_next_way_down_hangs_beside_a_bias(bias_n: float, becomes: str) -> None:
+    """A bias of 2.7 N aside and the force of a fast carry made a rest of 0.5 s a press of 3.4 N."""
+    high = {"position_start": (0.0, 0.0, 0.3), "position_end": (0.0, 0.0, 0.3)}
+
+    def at(t: float) -> Moment:
+        z = float(np.interp(t, [1.0, 3.0, 3.5, 5.0], [0.1, 0.3, 0.3, 0.18]))
+        fast = -2.0 if 1.6 < t < 3.0 else 0.0
+        return Moment((0.0, 0.0, z), None, None, 0.05, (-bias_n * (3.0 < t < 3.5), 1.6, -3.1 + fast))
+
+    made = program(
+        segment("transport", 1.0, 3.0, load_kg=0.4, load_sd_kg=0.1, position_end=(0.0, 0.0, 0.3)),
+        segment("contact", 3.0, 3.5, force_held=(-bias_n, 1.6, -3.1), **high),
+        segment(
+            "transport",
+            3.5,
+            5.0,
+            load_kg=0.35,
+            load_sd_kg=0.1,
+            position_start=(0.0, 0.0, 0.3),
+            position_end=(0.0, 0.0, 0.18),
+        ),
+        grips=(GRASP,),
+        at=at,
+    )
+    assert kinds(made[1:]) == ["transport", becomes, "transport"]

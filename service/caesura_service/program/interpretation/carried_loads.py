@@ -15,12 +15,14 @@ from dataclasses import replace
 from operator import mul
 
 import numpy as np
+from numpy.typing import NDArray
 
 from caesura_protocol.messages import Vector
 from caesura_protocol.programs.program_gripper import SHUT_M, SURE_SDS
 from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
 from caesura_protocol.rotations import angle_between
 from caesura_service.constants import GRAVITY
+from caesura_service.program.forces.pressed_force import pressed_from
 from caesura_service.program.interpretation.joined_strokes import LEAST_TURN_RAD, NOWHERE_M, OUT_M
 from caesura_service.program.program_segment import (
     ARRIVES_M,
@@ -111,19 +113,46 @@ def hanging(step: ProgramSegment, later: Iterable[ProgramSegment], context: Cont
 
     A rest is one only with something in hand, or where no gripper is known if it is lifted next. A surface
     pushes back; only a load pulls straight down. A rest in contact may be a fast lift: it is a movement if it
-    leads somewhere. later: the steps after it.
+    leads somewhere. A sensor's bias and the inertia of a fast movement also act aside of a load. So a rest in
+    the fingers hangs, too, if it moves freely next, and a movement if the mean of its force does. later: the
+    steps after it.
     """
-    if not step.touches or not hangs(step.segment.force, context.up):
+    if not step.touches:
         return step
-    rests, held = step.segment.kind == "contact", holds(step, context.grips)
-    if rests and held is False:
-        return step
+    force, rests, held = step.segment.force, step.segment.kind == "contact", holds(step, context.grips)
+    if held and not rests and not hangs(force, context.up):
+        force = _mean_force(step, context)
+    is_load = hangs(force, context.up)
     lifts = rests and step.moved_m >= NOWHERE_M
     moving = {"kind": "transport", "motion": "motion"} if lifts else {}
-    carry = as_carry_of(step.segment.force, step, context, **moving)
-    if rests and held is None and not moves_freely(carry, later, context):
-        return step
-    return carry
+    carry = as_carry_of(force, step, context, **moving)
+    if rests and held:
+        is_load = is_load or _is_never_pressed(carry, later, context)
+    elif rests:
+        is_load = is_load and held is None and moves_freely(carry, later, context)
+    return carry if is_load else step
+
+
+def _is_never_pressed(step: ProgramSegment, later: Iterable[ProgramSegment], context: Context) -> bool:
+    """Return whether a step keeps the force with which it is moved up or down next: a tap is short."""
+    free = _force_moved_next(step, later, context)
+    forces = context.forces(observed(step.segment.t0, step.segment.tn))
+    if free is None or not len(forces):
+        return False
+    beyond = np.linalg.norm(forces - free, axis=1)
+    return float(np.median(beyond[beyond >= pressed_from(beyond)])) < PUSHES_BACK_N
+
+
+def _mean_force(step: ProgramSegment, context: Context) -> Vector:
+    """Return the mean force (3,) [N] of a step, that of the segment where none is known.
+
+    From rest to rest, the inertia of what is moved has no mean.
+    """
+    forces = context.forces(observed(step.segment.t0, step.segment.tn))
+    if not len(forces):
+        return step.segment.force
+    x, y, z = forces.mean(axis=0).tolist()
+    return x, y, z
 
 
 def as_carry_of(force: Vector, step: ProgramSegment, context: Context, **fields: object) -> ProgramSegment:
@@ -155,20 +184,33 @@ def moves_freely(step: ProgramSegment, later: Iterable[ProgramSegment], context:
     slope that pushes constantly. False where the fingers act, or the contact state changes, before it, and
     for empty fingers: what they have set down rests on its surface. later: the steps after it.
     """
+    free = _force_moved_next(step, later, context)
+    if free is None:
+        return False
+    here = context.forces(observed(step.segment.t0, step.segment.tn))
+    return not len(here) or length(context.median(here) - free) < PUSHES_BACK_N
+
+
+def _force_moved_next(
+    step: ProgramSegment, later: Iterable[ProgramSegment], context: Context
+) -> NDArray[np.float64] | None:
+    """Return the force (3,) [N] with which the flange is moved up or down next; None if it may not be free.
+
+    As for `moves_freely`.
+    """
     state, held = step.segment.contact, holds(step, context.grips)
     pressed = length(step.segment.force) >= PUSHES_BACK_N and not hangs(step.segment.force, context.up)
     if step.touches or held is False or (state == "free" and (held or pressed)):
-        return False
+        return None
     for one in later:
         acts = any(step.segment.t0 <= grip.t < one.segment.tn for grip in context.grips)
         read = one if state == "free" else hanging(one, (), context)
         if acts or read.segment.contact != state:
-            return False
+            return None
         if read is one and abs(float(one.moved @ np.array(context.up))) >= ARRIVES_M:
-            here, there = (context.forces(observed(two.segment.t0, two.segment.tn)) for two in (step, one))
-            apart = context.median(here) - context.median(there) if len(here) and len(there) else np.zeros(3)
-            return length(apart) < PUSHES_BACK_N
-    return False
+            there = context.forces(observed(one.segment.t0, one.segment.tn))
+            return context.median(there) if len(there) else None
+    return None
 
 
 def resting(step: ProgramSegment, context: Context) -> ProgramSegment:

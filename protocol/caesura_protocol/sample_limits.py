@@ -12,3 +12,4 @@ LEAP_S = 3600.0  # a longer silence is a clock that was set, or a time in anothe
 TARE_S = 0.4  # from the first sample on, in which the service takes the bias of a force
 WIDEST_M = 1.0  # that fingers open; metres stay below it, a flag reaches it
 NORM_TOLERANCE = 0.1  # a quaternion further from unit length is not a rounding error
+TARED_BIAS_N = 2.3  # scale of what a force reads in free space after a tare

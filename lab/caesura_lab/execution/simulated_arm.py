@@ -45,6 +45,7 @@ LEAST_MOBILITY = 5e-3  # [1/kg, 1/(kg m²)] bounds the inertia that is fed forwa
 POSTURE_NM_PER_RAD, POSTURE_NMS_PER_RAD = 5.0, 2.0  # keep the elbow where it was
 FRICTION_EASED, EASED_RAD_PER_S = 0.85, 0.02  # share of the joints' friction that the controller makes up for
 EASED_DAMPING = FRICTION_EASED * JOINT_DAMPING  # [Nms/rad], the same share of what grows with speed
+OFF_SETPOINT_M = 0.002  # by which an arm is off it at most, at 0.5 m/s
 PRESS_DAMPING_NS_PER_M = 150.0  # along the direction of a controlled force
 _NOTHING = np.zeros(3)
 _NOTHING.setflags(write=False)

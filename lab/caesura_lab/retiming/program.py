@@ -26,6 +26,7 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import solveh_banded
 from scipy.ndimage import maximum_filter1d
 
+from caesura_lab.execution.simulated_arm import OFF_SETPOINT_M
 from caesura_lab.execution.skills import CREEP_M_PER_S, MOST_CREEP_M_PER_S
 from caesura_lab.execution.trajectories import (
     BRAKE_M_PER_S2,
@@ -41,6 +42,7 @@ from caesura_protocol.app_contacts import ends_in_contact
 from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.messages import App, ViaPoint
 from caesura_protocol.programs.app_time_shifts import TURNED_M, may_retime, moved
+from caesura_protocol.programs.checks.fidelity import STRAYED_M
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.planned_apps import STANDOFF_M
 from caesura_protocol.programs.program_speed import retimed
@@ -75,7 +77,7 @@ SMOOTHED_LESS = 0.5  # likewise, where that leaves them too little
 SMOOTHNESS = -10.0, 1.0  # decimal logarithms of the least and the largest weight of a smoothing [m³]
 HALVINGS = 8  # rounds in which the largest weight is found that is near enough
 LOOKS, FIXED = 2, 1e6  # at a path between two knots; weight of its ends
-CREPT_M = 0.003  # the executor begins a path so far beside its start; an arm is off its setpoint by 2 mm more
+CREPT_M = STRAYED_M - OFF_SETPOINT_M  # the executor begins a path so far beside its start
 TOO_FAST = "the hand was faster than the limits allow, of the robot or towards a contact"
 TICKS_PER_S = 1000.0  # a movement takes whole ticks of the robot's controller
 

@@ -31,6 +31,7 @@ from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.ways_between_apps import WayToPath, ways_to_paths
 from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
 from caesura_protocol.rotations import angle_between
+from caesura_protocol.sample_limits import TARED_BIAS_N
 from caesura_protocol.up_direction import GRAVITY, UP
 
 UNEVEN_SHARE = 0.15  # of a force, by which one beside it is another force
@@ -51,7 +52,7 @@ EDITED: Mapping[str, Callable[[App], str]] = {  # text on an edit that changes w
 SWAYED_M = 0.005  # a press that is held sways by less: 98 of 100 simulated ones
 STEPPED_M = 0.01  # what a hand does beside a press is less, and so is what it does in passing
 DRIFTED_M, RESTED_S = 0.005, 0.5  # by which a hand drifts in a rest in the air, if it stays there so long
-PULLED_N = 4.6  # from which on a pull is another force than that of the air, after the drift of a sensor
+PULLED_N = 2.0 * TARED_BIAS_N  # from which on a pull is another force than that of the air, by any drift
 STRAYED_M, STRAYED_RAD = 0.005, math.radians(2.0)  # an executed path keeps closer to the taught one
 
 

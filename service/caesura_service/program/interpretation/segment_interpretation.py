@@ -153,16 +153,15 @@ def _contact_before(place: _Place, last: ProgramSegment | None, context: Context
     """Return the contact that a step follows directly, or with one step between; None without one.
 
     The step between was interpreted as a contact too, or is shorter than the minimum time. If the fingers
-    hold something, there may be several steps between, because its weight is known. An inferred contact that
-    was interpreted as a carry or as free is none: its force has no direction from a surface. last: the last
-    step kept.
+    hold something, there may be several steps between, because its weight is known. Then an inferred contact
+    that was read as a carry is none: its force has no direction from a surface. last: the last step kept.
     """
     beside, behind = place.beside, place.behind
     if beside is None:
         return None
     if beside.touches:
         is_read_otherwise = last is not None and last.index == beside.index and not last.touches
-        return None if is_read_otherwise else beside
+        return None if is_read_otherwise and holds(beside, context.grips) else beside
     if beside is not place.before and behind is not None and behind.touches:
         return behind
     read = last is not None and last.touches and last.index == beside.index

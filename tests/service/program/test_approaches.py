@@ -13,6 +13,7 @@ from caesura_service.program import GripperAction, Moment, Paths, ProgramSegment
 from service.program.segments import (
     ACROSS,
     DRIFT_N,
+    UPRIGHT,
     drifted,
     held,
     kinds,
@@ -206,3 +207,22 @@ def test_a_contact_that_pushes_back_from_its_start_has_no_approach(pushed_s: flo
     assert kinds(made) == [*approach, "apply_force"]
     paths = [app.path for app in made if app.path is not None]
     assert all(path.tn > path.start.t for path in paths)
+
+
+def test_a_touch_after_the_last_look_at_an_approach_is_at_its_end() -> None:
+    """A hit of one observation lay between two looks: the way to it had no length, and was refused."""
+    high, low, far = (0.0, 0.0, 0.2), (0.0, 0.0, 0.14), (0.1, 0.0, 0.14)
+
+    def at(t: float) -> Moment:
+        x, z = float(np.interp(t, [4.6, 5.9], [0.0, 0.1])), float(np.interp(t, [3.2, 3.9], [0.2, 0.14]))
+        return Moment((x, 0.0, z), UPRIGHT, None, None, (0.0, 0.0, 12.0 if t > 3.9 else 0.0))
+
+    made = program(
+        segment("motion", 2.0, 3.2, position_start=(-0.1, 0.0, 0.15), position_end=high),
+        segment("sliding", 3.2, 3.95, force_held=(0.0, 0.0, 27.0), position_start=high, position_end=low),
+        segment("contact", 3.95, 4.6, force_held=(0.0, 0.0, 12.0), position_start=low, position_end=low),
+        segment("sliding", 4.6, 5.95, force_held=(0.0, 0.0, 12.0), position_start=low, position_end=far),
+        at=at,
+    )
+    assert kinds(made) == ["cartesian_motion", "move_to_contact", "apply_force"]
+    assert made[1].target == pytest.approx(low, abs=1e-3)

@@ -130,12 +130,13 @@ class AppGroup:
         return AppEnd(t, pose_fields(self.moment_at(t)))
 
     def touched(self, contact: ProgramSegment, approach: Segment | None = None) -> AppEnd:
-        """Return the first time and pose at which a contact pushes back; else its first observation.
+        """Return the first time and pose at which a contact pushes back.
 
-        That may be before the contact, at the end of `approach`.
+        That may be before the contact, at the end of `approach`. If none pushes back, it is the first
+        observation, or the end of a contact that begins with its approach: its touch lies after the last one.
         """
         pushes = pushes_back(contact.parts[0], self.moment_at)
-        first = observed(contact.t0, contact.tn)[0]
+        first = contact.segment.tn if contact.arrives else observed(contact.t0, contact.tn)[0]
         begin = contact.t0 if approach is None else approach.tn
         before = [] if approach is None else observed(approach.t0, approach.tn)
         early = list(takewhile(pushes, reversed(before)))

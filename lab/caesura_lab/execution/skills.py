@@ -38,7 +38,9 @@ from caesura_service.constants import GRAVITY
 RISE_S, RELEASE_S = 0.15, 0.15  # longest time in which a force is built up; in which it is let go
 LEAVES_S = 0.15  # at the start of a movement between two contacts, in which it may still touch the first
 FORCE_GAIN_PER_S, FORCE_CORRECTION_N = 40.0, 8.0
-FORCE_GAIN_NS_PER_M = 200.0  # largest gain times mass: half of the damping of a press on a stiff surface
+FORCE_GAIN_SHARE = 0.5  # of the damping of a press, up to which the gain times the mass goes
+SURFACE_DAMPING_NS_PER_M = 250.0  # of a stiff surface that is fully pressed
+DAMPED_N = 25.0  # force from which on a surface of 50 kN/m has it
 BOUNCING_M_PER_S = 0.003  # at the bottom it is no rest, whose force could be corrected, from that speed on
 SLIDE_M = 0.015  # a target of Apply Force this far aside is slid to
 SQUEEZE_M = 0.01  # by which fingers aim to close further than what they grip is wide
@@ -236,7 +238,8 @@ class SkillController:
         began_n, sunk = self._pressed_n, 0.0
         still = self.setpoint.still
         torque_stop = TorqueStop(screw)
-        gain_per_s = min(FORCE_GAIN_PER_S, FORCE_GAIN_NS_PER_M / self.arm.mass_along(along))
+        damping = PRESS_DAMPING_NS_PER_M + SURFACE_DAMPING_NS_PER_M * min(force_n / DAMPED_N, 1.0)
+        gain_per_s = min(FORCE_GAIN_PER_S, FORCE_GAIN_SHARE * damping / self.arm.mass_along(along))
         ticks, k, waited, slowest = round(seconds / DT), 0, 0, 0.0
         while k - waited < ticks:
             k += 1

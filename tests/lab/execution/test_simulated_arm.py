@@ -42,21 +42,26 @@ def test_an_arm_keeps_within_two_millimetres_of_its_setpoint_at_the_fastest_spee
     assert max(aside_m) < 2e-3
 
 
-def test_a_press_on_a_stiff_surface_keeps_its_force_while_a_heavy_arm_turns() -> None:
-    """The force of an iiwa swung up to 29 N: its mass of 10 kg times the gain was more than all damping."""
+@pytest.mark.parametrize("force_n", [5.0, 14.0])
+def test_a_press_on_a_stiff_surface_keeps_its_force_while_a_heavy_arm_turns(force_n: float) -> None:
+    """The force of an iiwa swung up to 29 N: its mass of 10 kg times the gain was more than all damping.
+
+    A light press swung at 10 Hz, because a surface damps less the less it is pushed in. Ten observations a
+    second showed that as a bias.
+    """
     robot = load_robot("iiwa14")
-    scenario = moved(SCENARIOS["pick_and_place"], robot.description.task_offset_m)
+    scenario = moved(SCENARIOS["screwing"], robot.description.task_offset_m)
     stiff = Surface(tips(scenario.start[2]), stiffness_n_per_m=5e4)
     arm = SimulatedArm(robot, CellSimulation(replace(scenario, surfaces=(stiff,)), 0.25))
     controller = SkillController(arm, DEFAULT)
     controller.contact_direction = np.array([0.0, 0.0, -1.0])
-    controller.press(14.0, 0.5)
+    controller.press(17.0, 0.5)
     here, rotation = controller.setpoint.position, Rotation.from_matrix(controller.setpoint.rotation)
     turned = [rotation * Rotation.from_euler("z", degrees, degrees=True) for degrees in (0.0, 120.0)]
     path = Curve.through([0.0, 2.4], [[*here, *one.as_quat()] for one in turned])
-    controller.press(14.0, 2.4, path=path)
+    controller.press(force_n, 2.4, path=path)
     pushed = arm.trace().contact[-2000:, 2]
-    assert np.ptp(pushed) < 3.0
+    assert np.ptp(pushed) < 0.2 * force_n
 
 
 def test_a_pump_is_held_steadily_at_its_stop_by_a_heavy_arm() -> None:

@@ -177,7 +177,8 @@ class Takeover:
             raise
         except Exception as error:
             yield [TakeoverFailed(*key, error)]
-            self._list_unreadable(copies, error)
+            if not isinstance(error, JournalError):  # a disk that refuses may do so for a moment
+                self._list_unreadable(copies, error)
             return None
 
     def _list_unreadable(self, copies: SessionCopies, error: Exception) -> None:

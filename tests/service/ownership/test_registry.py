@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack, Edit, Insert, SessionStatus
-from caesura_service.journal import JournalError, JournalSettings, MemoryJournal, Record, SqliteJournal
+from caesura_service.journal import (
+    JournalError,
+    JournalSettings,
+    JournalUnreadableError,
+    MemoryJournal,
+    Record,
+    SqliteJournal,
+)
 from caesura_service.publishing.events import Output, ReplayEnded, TakeoverFailed
 from caesura_service.publishing.session_state import status_of
 from caesura_service.sessions.limits import Limits
@@ -344,6 +352,22 @@ def test_an_open_session_that_cannot_be_rebuilt_is_reported_with_the_reason(tmp_
         assert isinstance(refusal, ProtocolError)
         assert "cannot be rebuilt (unknown preset; value 'gone')" in refusal.message
         assert names(rebuilt, STATION) == ["s1"], "others go on"
+
+
+def test_a_session_that_the_disk_refuses_for_a_moment_is_not_reported_as_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def refuse(station: str, session: str) -> Iterator[Record]:
+        raise JournalUnreadableError("disk I/O error")
+
+    with SqliteJournal(tmp_path / "caesura-1.sqlite") as journal:
+        opened(new_registry(journal), STATION, "s1")
+        rebuilt = new_registry(journal)
+        with monkeypatch.context() as patch:
+            patch.setattr(journal, "replay", refuse)
+            assert [each.session for each in rebuilt.restore()] == ["s1"]
+        journal.enforce_retention(8.0)
+        assert rebuilt.journal_report().damaged == ()
 
 
 # --- shouting -------------------------------------------------------------------------------------------

@@ -101,7 +101,7 @@ def effect(registry: Registry, command: Edit | Preview) -> EditEffect:
 
 
 def test_an_edit_of_results_that_another_version_inferred_states_that_others_change(caplog):
-    # An old release had found 12 segments; after an edit and its undo there were 13, and nothing told why.
+    # An old release had found 12 segments; after an edit and its undo there were 13, and no text stated why.
     registry, shown = shown_by_another_version(MemoryJournal())
     preview = Preview(session=NAME, revision=1, action=Insert(t=2.035))
     assert effect(registry, preview).inferred_again

@@ -27,6 +27,8 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import butter, lfilter, sosfiltfilt
 
 from caesura_lab.ground_truth import TrueChangepoint, TrueSegment, Truth
+from caesura_lab.teacher.motion_profiles import minimum_jerk
+from caesura_lab.teacher.speed_dip_truth import angle_deg
 from caesura_protocol.recording import Recording
 
 Array = NDArray[np.float64]
@@ -184,10 +186,7 @@ def _turn_deg(path: Array, i: int) -> float:
     turns = [0.0]
     for chord in (round(seconds * RATE_HZ) for seconds in CHORDS_S):
         if chord <= i < len(path) - chord:
-            before, after = path[i] - path[i - chord], path[i + chord] - path[i]
-            size = np.linalg.norm(before) * np.linalg.norm(after)
-            if size > 0.0:
-                turns.append(float(np.degrees(np.arccos(np.clip(before @ after / size, -1.0, 1.0)))))
+            turns.append(angle_deg(path[i] - path[i - chord], path[i + chord] - path[i]))
     return max(turns)
 
 
@@ -197,16 +196,10 @@ def _direction(rng: np.random.Generator) -> Array:
     return direction / np.linalg.norm(direction)
 
 
-def _progress(t: Array) -> Array:
-    """Return the share of a minimum jerk stroke that is done; t: share of its time."""
-    s = np.clip(t, 0.0, 1.0)
-    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-
-
 def _overlapping(strokes: Array, seconds: Array, begun: Array) -> Array:
     """Return the sum of strokes (k, 3) [m] with these durations and starts (k,) [s]."""
     t = np.arange(0.0, (begun + seconds).max(), STEP_S)
-    shares = _progress((t[:, None] - begun) / seconds)
+    shares = minimum_jerk(np.clip((t[:, None] - begun) / seconds, 0.0, 1.0))
     path: Array = shares @ strokes
     return path
 

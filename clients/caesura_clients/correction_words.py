@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from caesura_protocol.app_kinds import app_name
+from caesura_protocol.app_kinds import name_of_app
 from caesura_protocol.messages import (
     Ack,
     Action,
@@ -201,17 +201,15 @@ def _apps(effect: EditEffect, clock: SessionClock) -> Iterator[str]:
     before, after, first = effect.apps_before, effect.apps_after, effect.first_app
     if [one.kind for one in before] == [one.kind for one in after]:
         pairs = enumerate(zip(before, after, strict=True), first)
-        changed = (
-            (app_name(i, new.kind, new.name), ", ".join(_values(old, new, clock))) for i, (old, new) in pairs
-        )
+        changed = ((name_of_app(i, new), ", ".join(_values(old, new, clock))) for i, (old, new) in pairs)
         found = [f"{name}: {values}" for name, values in changed if values]
         yield from found[:LISTED]
         if len(found) > LISTED:
             yield f"values of {counted(len(found) - LISTED, 'more app')} change"
         return
     yield from _becomes(
-        [app_name(i, one.kind, one.name) for i, one in enumerate(before, first)],
-        [app_name(i, one.kind, one.name) for i, one in enumerate(after, first)],
+        [name_of_app(i, one) for i, one in enumerate(before, first)],
+        [name_of_app(i, one) for i, one in enumerate(after, first)],
     )
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Protocol
 
 AppKind = Literal[
     "cartesian_motion", "move_to_contact", "apply_force", "grasp", "gripper_move", "transport", "hold"
@@ -144,3 +144,20 @@ def app_name(index: int, kind: str, name: str | None = None) -> str:
     'app 2 (press the seal)'
     """
     return f"app {app_number(index)} ({name or app_title(kind)})"
+
+
+class NamedApp(Protocol):
+    """An app of a message or of a program's file."""
+
+    @property
+    def kind(self) -> AppKind:
+        """The kind of the app."""
+
+    @property
+    def name(self) -> str | None:
+        """The name that a person gave it."""
+
+
+def name_of_app(index: int, app: NamedApp) -> str:
+    """Return the text by which messages refer to an app; index: in the program, from 0."""
+    return app_name(index, app.kind, app.name)

@@ -22,7 +22,7 @@ from caesura_clients.cli.options import MOST_TOLERANCE_MM, connected, named, rep
 from caesura_clients.cli.result_tables import PLAIN, clock_lines, program_view
 from caesura_clients.program_editing import edit_program as send_edit
 from caesura_clients.program_editing import in_words, names_of, outcome_words, part_between, reference
-from caesura_protocol.app_kinds import APP_KINDS, app_name, facts_of
+from caesura_protocol.app_kinds import APP_KINDS, facts_of, name_of_app
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import AppReference, Program, ProgramAction
 from caesura_protocol.session_time_display import NO_OFFSET, SessionClock, clock_of
@@ -268,6 +268,6 @@ def _reference(program: Program, number: str) -> AppReference:
     """Return the reference of the app with this row number. Raises CaesuraError, which lists the apps."""
     index = int(number) - 1 if number.isdecimal() else -1
     if not 0 <= index < len(program.apps):
-        there = ", ".join(app_name(i, app.kind, app.name) for i, app in enumerate(program.apps)) or "none"
+        there = ", ".join(name_of_app(i, app) for i, app in enumerate(program.apps)) or "none"
         raise CaesuraError(f"there is no app {number!r}; apps of the program: {there}")
     return reference(program.apps[index])

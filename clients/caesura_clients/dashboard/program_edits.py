@@ -26,7 +26,7 @@ from caesura_clients.program_editing import (
 )
 from caesura_clients.query import snapshot
 from caesura_clients.session_corrections import is_stale, send
-from caesura_protocol.app_kinds import APP_KINDS, AppKind, app_name
+from caesura_protocol.app_kinds import APP_KINDS, AppKind, name_of_app
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import (
     Ack,
@@ -295,6 +295,6 @@ def checked(program: Program, clock: SessionClock = NO_OFFSET) -> CheckedProgram
             of_program.append([one.severity, reason])
         else:
             app = made.apps[one.index]
-            named = f"{app_name(one.index, app.kind, app.name)}: {reason}"
+            named = f"{name_of_app(one.index, app)}: {reason}"
             of_apps.setdefault(one.index, []).append([one.severity, named])
     return CheckedProgram(made.apps, of_program, of_apps)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -24,9 +23,8 @@ from caesura_clients.cli.options import (
 )
 from caesura_lab.teacher.person import THESIS, draw_person
 from caesura_lab.teacher.scenarios import SCENARIOS, Scenario, moved
-from caesura_protocol.app_kinds import app_name
+from caesura_protocol.app_kinds import name_of_app
 from caesura_protocol.errors import CaesuraError, SourceError
-from caesura_protocol.messages import App
 from caesura_protocol.number_words import counted
 from caesura_protocol.programs.checks import group_findings, unfinished_findings
 from caesura_protocol.programs.checks.findings import CheckReport
@@ -204,13 +202,9 @@ def _run(program: ProgramFile, scenario: str | None, seed: int, out: Path | None
         + (f"; {out}" if out else "")
     )
     if done.stopped is not None:
-        where = "" if done.at is None else f" in {_app_name(program.apps, done.at)}"
+        where = "" if done.at is None else f" in {name_of_app(done.at, program.apps[done.at])}"
         typer.echo(f"stopped{where}: {done.stopped}", err=True)
     return done.stopped is not None
-
-
-def _app_name(apps: Sequence[App], index: int) -> str:
-    return app_name(index, apps[index].kind, apps[index].name)
 
 
 def _clock_of(program: ProgramFile) -> SessionClock:

@@ -35,7 +35,7 @@ from caesura_lab.evaluation.division_differences import (
 from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
 from caesura_lab.path_distance import furthest
 from caesura_lab.teacher.hand_motion_plan import TICKS_PER_S
-from caesura_protocol.app_kinds import APP_KINDS, app_name, app_number, app_title
+from caesura_protocol.app_kinds import APP_KINDS, app_name, app_number, app_title, name_of_app
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.app_time_shifts import rest_newtons, rests_of, run_times
 from caesura_protocol.programs.document import document_of_apps
@@ -305,7 +305,7 @@ def _target_or_force_error(
 ) -> str | None:
     for (index, app), error in zip(taught, targets, strict=True):
         if not error <= TARGET_M:
-            return f"target of {app_name(index, app.kind, app.name)} is {1000 * error:.1f} mm off"
+            return f"target of {name_of_app(index, app)} is {1000 * error:.1f} mm off"
     for error in forces:
         if not abs(error) <= FORCE_SHARE:
             return f"a force is {100 * error:+.0f} % off"

@@ -21,7 +21,7 @@ from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.person import THESIS, Person
 from caesura_lab.teacher.scenarios import Scenario, Step
 from caesura_protocol.app_contacts import ends_in_contact
-from caesura_protocol.app_kinds import APP_KINDS, app_name
+from caesura_protocol.app_kinds import APP_KINDS, name_of_app
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import App, Quaternion, Vector
 from caesura_protocol.number_words import counted
@@ -96,7 +96,7 @@ def _grasps(apps: Sequence[App]) -> list[tuple[int, App]]:
         if app.kind != "grasp":
             continue
         if left is not None and math.dist(left, _place(apps, index)) > GRIP_REACH_M:
-            name = app_name(index, app.kind, app.name)
+            name = name_of_app(index, app)
             raise CaesuraError(f"{name} grips a second object; a cell as taught has one: {NEED}")
         grasps.append((index, app))
     return grasps
@@ -126,7 +126,7 @@ def _contacts(apps: Sequence[App]) -> Iterator[_Contact]:
 
 def _check(index: int, app: App) -> None:
     """Raise CaesuraError for an app that needs more than a level surface."""
-    name = app_name(index, app.kind, app.name)
+    name = name_of_app(index, app)
     if app.screw is not None and APP_KINDS[app.kind].presses:
         raise CaesuraError(f"{name} turns in contact; a level surface does not resist a turn: {NEED}")
     force = without_friction(app).force

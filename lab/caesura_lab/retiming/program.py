@@ -39,7 +39,7 @@ from caesura_lab.path_distance import furthest
 from caesura_lab.retiming.limits import MotionLimits, limits_of, poses_at, slowdown
 from caesura_lab.retiming.time_law import UNLIMITED, Ceiling, Planned, TimeLawError, fastest
 from caesura_protocol.app_contacts import ends_in_contact
-from caesura_protocol.app_kinds import APP_KINDS, app_name
+from caesura_protocol.app_kinds import APP_KINDS, name_of_app
 from caesura_protocol.messages import App, ViaPoint
 from caesura_protocol.programs.app_time_shifts import TURNED_M, may_retime, moved
 from caesura_protocol.programs.checks.fidelity import STRAYED_M
@@ -117,11 +117,9 @@ def optimal(
             try:
                 steps[index] = _fastest(app, following, np.array(still), robot, limits, program.safety)
                 if steps[index].tn - steps[index].t0 > app.tn - app.t0:
-                    notes.append(
-                        f"{app_name(index, app.kind, app.name)} lasts longer than taught: {TOO_FAST}."
-                    )
+                    notes.append(f"{name_of_app(index, app)} lasts longer than taught: {TOO_FAST}.")
             except ValueError as error:
-                notes.append(f"{app_name(index, app.kind, app.name)} is not re-timed: {error}.")
+                notes.append(f"{name_of_app(index, app)} is not re-timed: {error}.")
         still = app.orientation or still
     noted = program.model_copy(update={"notes": (*program.notes, *notes)})
     return retimed(noted, steps, "optimal", lambda index, _: _crept_s(program.apps, index), keeps_pause)

@@ -10,7 +10,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from caesura_protocol.app_kinds import app_name, app_number
+from caesura_protocol.app_kinds import app_number, name_of_app
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import App, Phase, PhaseName, ProgramEdit, ReplacePart
 from caesura_protocol.number_words import interval
@@ -101,9 +101,7 @@ def ungrouped_notes(apps: Sequence[App], phases: Sequence[Phase]) -> Iterator[st
         if number in owners or len(phases) < 2:
             continue
         across = [
-            app_name(i, app.kind, app.name)
-            for i, app in enumerate(apps)
-            if app.t0 < phase.tn and phase.t0 < app.tn
+            name_of_app(i, app) for i, app in enumerate(apps) if app.t0 < phase.tn and phase.t0 < app.tn
         ]
         if across or phase.name is not None:
             called = phase.name or phase.kind

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.app_kinds import app_name, app_number
+from caesura_protocol.app_kinds import app_number, name_of_app
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.document import ProgramFile
@@ -81,12 +81,12 @@ def differences(one: ProgramFile, other: ProgramFile) -> list[str]:
     found = [f"program: {words}" for words in _of_programs(one, other)]
     for first, second, words in compared(one.apps, other.apps):
         if second is None and first is not None:
-            found.append(f"{_named(one.apps, first)} is added")
+            found.append(f"{name_of_app(first, one.apps[first])} is added")
         elif first is None and second is not None:
-            found.append(f"without what was {_named(other.apps, second)}")
+            found.append(f"without what was {name_of_app(second, other.apps[second])}")
         elif first is not None and second is not None and words:
             before = "" if first == second else f", was app {app_number(second)}"
-            found.append(f"{_named(one.apps, first)}{before}: {'; '.join(words)}")
+            found.append(f"{name_of_app(first, one.apps[first])}{before}: {'; '.join(words)}")
     return found
 
 
@@ -157,10 +157,6 @@ class _Places:
             far = np.linalg.norm(self._targets - app.target, axis=1) / FAR_M
             cost = np.where(self._has_target, np.minimum(far, 1.0), 1.0)
         return np.where(self._kinds == app.kind, cost, np.inf)
-
-
-def _named(apps: Sequence[App], index: int) -> str:
-    return app_name(index, apps[index].kind, apps[index].name)
 
 
 def _of_programs(one: ProgramFile, other: ProgramFile) -> Iterator[str]:

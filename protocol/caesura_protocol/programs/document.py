@@ -19,7 +19,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from caesura_protocol.app_force_limit import with_force_limit
-from caesura_protocol.app_kinds import APP_KINDS, Precondition, app_name
+from caesura_protocol.app_kinds import APP_KINDS, Precondition, app_name, name_of_app
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import MAX_GAPS, App, Gap, Name, Phase, Program, TaskName, Up, WrenchReport
 from caesura_protocol.programs.app_time_shifts import edited_times
@@ -184,7 +184,7 @@ def joint_count_mismatch(program: ProgramFile, arm: str, count: int) -> str | No
     """Return why a program is not for an arm with so many joints, by its first such app; None: it may be."""
     for index, app in enumerate(program.apps):
         if app.joints is not None and len(app.joints) != count:
-            taught = f"{app_name(index, app.kind, app.name)} was taught with {len(app.joints)} joints"
+            taught = f"{name_of_app(index, app)} was taught with {len(app.joints)} joints"
             return f"{taught}, and {arm} has {count}: {REMEDY}"
     return None
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from caesura_protocol.app_force_limit import LEAST_FORCE_N, exerted_forces, is_press
-from caesura_protocol.app_kinds import APP_KINDS, app_name
+from caesura_protocol.app_kinds import APP_KINDS, name_of_app
 from caesura_protocol.messages import App
 from caesura_protocol.programs.checks.preconditions import precondition_findings
 from caesura_protocol.programs.checks.value_ranges import impossible_numbers
@@ -76,7 +76,7 @@ def refuse_impossible(program: ProgramFile) -> None:
     """Raise ValueError for a number that no app can have, whatever the limits of the cell."""
     for index, app in enumerate(program.apps):
         for one in impossible_numbers(index, app):
-            raise ValueError(f"{app_name(index, app.kind, app.name)}: {one.reason}")
+            raise ValueError(f"{name_of_app(index, app)}: {one.reason}")
 
 
 def refuse_beyond_limits(program: ProgramFile) -> None:
@@ -92,7 +92,7 @@ def refuse_beyond_limits(program: ProgramFile) -> None:
     safety = program.safety
     refuse_impossible(program)
     for index, app in enumerate(program.apps):
-        name = app_name(index, app.kind, app.name)
+        name = name_of_app(index, app)
         _refuse_incomplete(name, app)
         _refuse_outside(name, app, safety)
         force, most = max((one.newton for one in exerted_forces(app)), default=0.0), safety.force_n
@@ -105,7 +105,7 @@ def refuse_beyond_limits(program: ProgramFile) -> None:
             continue
         app = program.apps[one.index]
         if APP_KINDS[app.kind].presses or APP_KINDS[app.kind].carries:
-            raise ValueError(f"{app_name(one.index, app.kind, app.name)}: {one.reason}")
+            raise ValueError(f"{name_of_app(one.index, app)}: {one.reason}")
 
 
 def _refuse_outside(name: str, app: App, safety: Safety) -> None:

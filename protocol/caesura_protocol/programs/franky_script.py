@@ -15,7 +15,7 @@ import numpy as np
 
 from caesura_protocol.app_contacts import ends_in_contact
 from caesura_protocol.app_force_limit import is_path_limited
-from caesura_protocol.app_kinds import APP_KINDS, app_name, step_title
+from caesura_protocol.app_kinds import APP_KINDS, name_of_app, step_title
 from caesura_protocol.messages import Quaternion
 from caesura_protocol.programs.app_time_shifts import goes_on, rests_of
 from caesura_protocol.programs.contact_forces import force_in_tool, without_friction
@@ -71,7 +71,7 @@ def _refuse_other_gripper(program: ProgramFile) -> None:
         return
     for index, app in enumerate(program.apps):
         if app.kind in {"grasp", "gripper_move"}:
-            raise ValueError(not_driven(app_name(index, app.kind, app.name), "franky", held_by, {"franka"}))
+            raise ValueError(not_driven(name_of_app(index, app), "franky", held_by, {"franka"}))
 
 
 def _rows(apps: Sequence[ProgramStep]) -> list[dict[str, Any]]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from caesura_protocol.app_contacts import ends_in_contact
-from caesura_protocol.app_kinds import app_name
+from caesura_protocol.app_kinds import name_of_app
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.app_time_shifts import rest_newtons, rests_of
 from caesura_protocol.programs.contact_forces import press_direction, without_friction
@@ -60,7 +60,7 @@ class PlannedApp(NamedTuple):
     @property
     def name(self) -> str:
         """The app's displayed number, with its name or else its kind."""
-        return app_name(self.place, self.app.kind, self.app.name)
+        return name_of_app(self.place, self.app)
 
 
 def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedApp]:

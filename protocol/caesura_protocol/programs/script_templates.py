@@ -12,7 +12,7 @@ from textwrap import indent
 from typing import Any
 
 from caesura_protocol.app_contacts import ends_in_contact
-from caesura_protocol.app_kinds import APP_KINDS, app_name
+from caesura_protocol.app_kinds import APP_KINDS, name_of_app
 from caesura_protocol.messages import UNPRINTABLE, App
 from caesura_protocol.programs.apps_by_phase import groups_by_first
 from caesura_protocol.programs.checks import document_findings
@@ -118,7 +118,7 @@ def table_of_apps(
     """
     comments, groups, lines = findings_as_comments(program), group_comments(program), []
     for index, (app, row, more) in enumerate(zip(program.apps, rows, also, strict=False)):
-        said = [one_line(app_name(index, app.kind, app.name)), *comments.get(index, ()), *more]
+        said = [one_line(name_of_app(index, app)), *comments.get(index, ()), *more]
         lines += [f"    {groups[index]}"] if index in groups else []
         lines += [f"    # {comment}" for comment in said]
         lines += [indent(pformat(row, width=width, sort_dicts=False), "    ") + ","]

@@ -19,7 +19,7 @@ import numpy as np
 
 from caesura_protocol.app_contacts import ends_in_contact, is_resisted
 from caesura_protocol.app_force_limit import LEAST_PRESS_N, exerted_forces, force_in_words
-from caesura_protocol.app_kinds import APP_KINDS, app_name
+from caesura_protocol.app_kinds import APP_KINDS, name_of_app
 from caesura_protocol.messages import App, Gap, Vector, ViaPoint, WrenchReport
 from caesura_protocol.number_words import fixed, interval, reads_above
 from caesura_protocol.programs.app_time_shifts import part_of, rests_of, speed_in_words
@@ -428,7 +428,7 @@ def _impacts(apps: Sequence[App]) -> Iterator[Finding]:
     for index, app in enumerate(apps):
         most = max((force.newton for force in exerted_forces(app)), default=math.inf)
         if app.impact_n is not None and app.impact_n > most * (1.0 + UNEVEN_SHARE):
-            hit.append((app.impact_n, app_name(index, app.kind, app.name)))
+            hit.append((app.impact_n, name_of_app(index, app)))
     if hit:
         hardest = sorted(hit, reverse=True)[:NAMED]
         said = ", ".join(f"{fixed(newton, 1)} N in {name}" for newton, name in hardest)

@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 
 from caesura_protocol.app_contacts import ends_in_contact, is_resisted
-from caesura_protocol.app_kinds import APP_KINDS, app_name
+from caesura_protocol.app_kinds import APP_KINDS, name_of_app
 from caesura_protocol.messages import App, Quaternion
 from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.checks.findings import Finding, in_mm
@@ -73,7 +73,7 @@ def precondition_findings(apps: Sequence[App]) -> list[Finding]:
 def _regrip(index: int, apps: Sequence[App], held: HeldGrasps) -> Finding:
     """Return a warning for a grasp that changes the grip on what is held; an error for any other one."""
     app, first, last = apps[index], apps[held.first], apps[held.last]
-    holder = app_name(held.first, first.kind, first.name)
+    holder = name_of_app(held.first, first)
     if app.gripper_width is None or last.gripper_width is None or not is_regrip(app, first, last):
         reason = f"grasps, but {holder} holds something already: an app 'move gripper' must come before it"
         return Finding("error", index, app.kind, reason)

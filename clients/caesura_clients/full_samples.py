@@ -14,7 +14,7 @@ from caesura_clients import query
 from caesura_clients.session_state_reader import Update
 from caesura_clients.session_to_recording import stated_recording
 from caesura_protocol.errors import CaesuraError, ProtocolError
-from caesura_protocol.formats.raw_recording import Array
+from caesura_protocol.formats.unvalidated_recording import Array
 from caesura_protocol.gap_free_sample_runs import SPEED
 from caesura_protocol.keys import MAX_BINS, MIN_BIN_S, SampleRange
 from caesura_protocol.messages import Gap, RecordedSamples

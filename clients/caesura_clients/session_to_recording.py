@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from caesura_protocol.codec import signals_of
-from caesura_protocol.formats.raw_recording import Array
+from caesura_protocol.formats.unvalidated_recording import Array
 from caesura_protocol.messages import LengthUnit, Program, SessionStatus
 from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import ASSUMED, ASSUMED_FRAME, Recording

@@ -33,7 +33,7 @@ from caesura_protocol.formats.mcap_write import (
     result_of,
     sample_entries,
 )
-from caesura_protocol.formats.raw_recording import Array
+from caesura_protocol.formats.unvalidated_recording import Array
 from caesura_protocol.gap_free_sample_runs import in_metres
 from caesura_protocol.messages import Message, SampleBatch
 from caesura_protocol.recording import Recording, RecordingError

@@ -15,7 +15,7 @@ import numpy as np
 from caesura_clients import query
 from caesura_clients.full_samples import read_range, width_of
 from caesura_protocol.errors import CaesuraError, ProtocolError
-from caesura_protocol.formats.raw_recording import Array
+from caesura_protocol.formats.unvalidated_recording import Array
 from caesura_protocol.keys import SampleRange
 from caesura_protocol.transport.transport_interface import QUERY_TIMEOUT_S, Transport
 

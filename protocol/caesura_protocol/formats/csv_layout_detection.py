@@ -26,8 +26,8 @@ from caesura_protocol.formats.csv_lines import (
 )
 from caesura_protocol.formats.csv_read_mapped import MOST_RAD, SIGNAL_OF_COLUMN, TURNS, UNITS
 from caesura_protocol.formats.mapping_file_write import MappingAnswers
-from caesura_protocol.formats.raw_recording import Array
 from caesura_protocol.formats.sample_checks import is_quaternion
+from caesura_protocol.formats.unvalidated_recording import Array
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_protocol.number_words import counted
 from caesura_protocol.plausibility import METRES, RADIANS, implausible, likely_opening_unit

@@ -19,7 +19,7 @@ from caesura_protocol.formats.csv_layout_detection import (
 )
 from caesura_protocol.formats.csv_lines import cell_of, is_comment, read_lines, rows_of, stated_in_comments
 from caesura_protocol.formats.mapping_file_write import mapping_text
-from caesura_protocol.formats.raw_recording import Array, RawRecording
+from caesura_protocol.formats.unvalidated_recording import Array, UnvalidatedRecording
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_protocol.number_words import counted
 from caesura_protocol.recording import (
@@ -34,7 +34,7 @@ from caesura_protocol.recording import (
 MOST_NAMED = 20  # columns of a file, in an error
 
 
-def read_csv(path: Path) -> RawRecording:
+def read_csv(path: Path) -> UnvalidatedRecording:
     """Return arrays and options of a file.
 
     Raises UnknownColumnsError for columns of other software, RecordingError for a signal without all of its
@@ -71,7 +71,7 @@ def read_csv(path: Path) -> RawRecording:
     # Other comments are for people, unless they look like an option.
     mistyped = [key for key in stated if key not in STATED and did_you_mean(key) in STATED]
     ignored = [*mistyped, *(name for name in column if name not in known)]
-    return RawRecording(
+    return UnvalidatedRecording(
         arrays, options, ignored, tuple(assumed), tuple(numbers[1:]), has_calendar_time=has_calendar_time
     )
 

@@ -39,7 +39,7 @@ from caesura_protocol.formats.csv_lines import (
     stated_in_comments,
 )
 from caesura_protocol.formats.mapping_file_read import ColumnMapping
-from caesura_protocol.formats.raw_recording import Array, RawRecording
+from caesura_protocol.formats.unvalidated_recording import Array, UnvalidatedRecording
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_protocol.number_words import counted
 from caesura_protocol.plausibility import METRES, RADIANS
@@ -91,7 +91,7 @@ class CsvTable(NamedTuple):
     stated: dict[str, str]  # by the comments
 
 
-def read_mapped_csv(path: Path, mapped: ColumnMapping) -> RawRecording:
+def read_mapped_csv(path: Path, mapped: ColumnMapping) -> UnvalidatedRecording:
     """Return the signals that the mapping names.
 
     Raises RecordingError; for a missing column it names that one and lists the existing ones.
@@ -121,7 +121,7 @@ def read_mapped_csv(path: Path, mapped: ColumnMapping) -> RawRecording:
         arrays[signal] = np.column_stack([column[name] for name in names])
     arrays |= _turned(mapped, column)
     ignored = [*contradicted, *(name for name in table.header if name not in used)]
-    return RawRecording(
+    return UnvalidatedRecording(
         arrays,
         options,
         ignored,

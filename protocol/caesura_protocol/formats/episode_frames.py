@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from caesura_protocol.columns import signal_columns
 from caesura_protocol.errors import CaesuraError
-from caesura_protocol.formats.raw_recording import Array
 from caesura_protocol.formats.sample_checks import is_flag
+from caesura_protocol.formats.unvalidated_recording import Array
 from caesura_protocol.messages import Gap, Kind, Phase, Segment
 from caesura_protocol.number_words import counted
 from caesura_protocol.plausibility import METRES

@@ -20,7 +20,7 @@ from zstandard import ZstdError
 
 from caesura_protocol.formats.mcap_schemas import RobotState, Wrench
 from caesura_protocol.formats.mcap_write import METADATA
-from caesura_protocol.formats.raw_recording import Array, RawRecording
+from caesura_protocol.formats.unvalidated_recording import Array, UnvalidatedRecording
 from caesura_protocol.messages import Message
 from caesura_protocol.number_words import counted
 from caesura_protocol.recording import BEGAN, OF_FILE, assumed_by_writer
@@ -31,7 +31,7 @@ T = TypeVar("T")
 _TOPICS: Mapping[str, type[Message]] = {"/state": RobotState, "/wrench": Wrench}
 
 
-def read_mcap(path: Path) -> RawRecording:
+def read_mcap(path: Path) -> UnvalidatedRecording:
     """Return the samples of a file that Caesura wrote. Raises ValueError for any other."""
     with path.open("rb") as stream:
         return _translated(_content, stream)
@@ -72,7 +72,7 @@ def _channels(reader: McapReader) -> list[Any]:
     return [] if summary is None else list(summary.channels.values())
 
 
-def _content(stream: IO[bytes]) -> RawRecording:
+def _content(stream: IO[bytes]) -> UnvalidatedRecording:
     reader = make_reader(stream, validate_crcs=True)
     said = metadata_of(reader)
     arrays: dict[str, Array] = {}
@@ -87,7 +87,7 @@ def _content(stream: IO[bytes]) -> RawRecording:
     options = {key: said[key] for key in OF_FILE if key in said}
     if float(options.get(BEGAN, 0.0)) < OF_DAY_S:  # it was not known, or the samples have the time of day
         options.pop(BEGAN, None)
-    return RawRecording(arrays, options, [], assumed_by_writer(said))
+    return UnvalidatedRecording(arrays, options, [], assumed_by_writer(said))
 
 
 def _rows(reader: McapReader) -> dict[str, list[dict[str, Any]]]:

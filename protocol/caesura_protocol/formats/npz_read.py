@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from caesura_protocol.description_texts import DESCRIBED
 from caesura_protocol.formats.calendar_time import seconds_of_array
-from caesura_protocol.formats.raw_recording import Array, RawRecording
+from caesura_protocol.formats.unvalidated_recording import Array, UnvalidatedRecording
 from caesura_protocol.recording import (
     ARRAYS,
     ASSUMED_ORDER,
@@ -25,7 +25,7 @@ from caesura_protocol.up_direction import UP, up_text
 NPZ_STATED = (*OF_FILE, QUATERNION_ORDER)
 
 
-def read_npz(path: Path) -> RawRecording:
+def read_npz(path: Path) -> UnvalidatedRecording:
     """Return arrays and options of a file.
 
     Raises RecordingError, or ValueError if it is no archive of arrays.
@@ -50,7 +50,7 @@ def read_npz(path: Path) -> RawRecording:
     order = options.pop(QUATERNION_ORDER, None)
     if "quat" in arrays:
         assumed += _in_order(path, arrays, order)
-    return RawRecording(arrays, options, ignored, tuple(assumed), has_calendar_time=has_calendar_time)
+    return UnvalidatedRecording(arrays, options, ignored, tuple(assumed), has_calendar_time=has_calendar_time)
 
 
 def _in_order(path: Path, arrays: dict[str, Array], order: str | None) -> list[str]:

@@ -20,7 +20,6 @@ from caesura_protocol.formats.csv_read import read_csv
 from caesura_protocol.formats.csv_read_mapped import read_mapped_csv
 from caesura_protocol.formats.mapping_file_read import load_mapping
 from caesura_protocol.formats.npz_read import read_npz
-from caesura_protocol.formats.raw_recording import Array, RawRecording, UserStatements
 from caesura_protocol.formats.sample_checks import (
     check_clock,
     check_time_steps,
@@ -30,6 +29,7 @@ from caesura_protocol.formats.sample_checks import (
     left_out,
     stray_places,
 )
+from caesura_protocol.formats.unvalidated_recording import Array, UnvalidatedRecording, UserStatements
 from caesura_protocol.keys import NAME_PATTERN
 from caesura_protocol.lost_samples import Loss, parse_losses
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, FORCE_FRAMES, WRENCH_SOURCES, Quantity
@@ -170,7 +170,7 @@ def _assumed_of(signals: Mapping[str, Array], *, assumes_frame: bool) -> Iterato
         yield ASSUMED_FLAG
 
 
-def _convert(path: Path, raw: RawRecording, stated: Mapping[Quantity, str]) -> None:
+def _convert(path: Path, raw: UnvalidatedRecording, stated: Mapping[Quantity, str]) -> None:
     """Convert arrays to Caesura's units, in place.
 
     Raises RecordingError for a unit of times of day, and for one of a signal whose unit the mapping states.
@@ -371,7 +371,7 @@ def recordings_of(paths: Iterable[Path]) -> list[Path]:
     return list(dict.fromkeys(found))
 
 
-def _read(path: Path, mapping: Path | None, stated: UserStatements) -> RawRecording:
+def _read(path: Path, mapping: Path | None, stated: UserStatements) -> UnvalidatedRecording:
     if not path.exists() and path.suffix.lower() in _READERS:
         raise RecordingError(f"{path}: no such file")
     if path.exists() and not (path.is_file() or path.is_dir()):
@@ -430,16 +430,16 @@ def _as_matrix(values: Array) -> Array:
     return values[:, None] if values.ndim == 1 else values
 
 
-def _read_npz(path: Path, mapping: Path | None, stated: UserStatements) -> RawRecording:
+def _read_npz(path: Path, mapping: Path | None, stated: UserStatements) -> UnvalidatedRecording:
     _no_mapping(path, mapping)
     return read_npz(path)
 
 
-def _read_csv(path: Path, mapping: Path | None, stated: UserStatements) -> RawRecording:
+def _read_csv(path: Path, mapping: Path | None, stated: UserStatements) -> UnvalidatedRecording:
     return read_csv(path) if mapping is None else read_mapped_csv(path, load_mapping(mapping))
 
 
-def _read_mcap(path: Path, mapping: Path | None, stated: UserStatements) -> RawRecording:
+def _read_mcap(path: Path, mapping: Path | None, stated: UserStatements) -> UnvalidatedRecording:
     """Read Caesura's MCAP, or a rosbag2 that is one file."""
     if _has_ros_profile(path):
         return _read_rosbag(path, mapping, stated)
@@ -456,7 +456,7 @@ def _has_ros_profile(path: Path) -> bool:
     return profile_of(path) == ROS2
 
 
-def _read_rosbag(path: Path, mapping: Path | None, stated: UserStatements) -> RawRecording:
+def _read_rosbag(path: Path, mapping: Path | None, stated: UserStatements) -> UnvalidatedRecording:
     with import_extra("ros2", path):
         from caesura_protocol.formats.rosbag import read_rosbag  # noqa: PLC0415 - an extra
     return read_rosbag(path, None if mapping is None else load_mapping(mapping), stated)
@@ -469,7 +469,7 @@ def _no_mapping(path: Path, mapping: Path | None) -> None:
         )
 
 
-_Reader = Callable[[Path, Path | None, UserStatements], RawRecording]
+_Reader = Callable[[Path, Path | None, UserStatements], UnvalidatedRecording]
 _READERS: Mapping[str, _Reader] = {
     ".npz": _read_npz,
     ".csv": _read_csv,

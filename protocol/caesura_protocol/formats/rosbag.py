@@ -20,7 +20,6 @@ from rosbags.rosbag2 import Reader, ReaderError
 
 from caesura_protocol.codec import signals_of
 from caesura_protocol.formats.mapping_file_read import ColumnMapping
-from caesura_protocol.formats.raw_recording import RawRecording, UserStatements
 from caesura_protocol.formats.ros_messages import TopicRule, definitions_of, stamp_of, topic_rules
 from caesura_protocol.formats.ros_types import READ, typestore
 from caesura_protocol.formats.signal_aligner import MAX_AGE_S, Row, SignalAligner
@@ -30,6 +29,7 @@ from caesura_protocol.formats.topic_selection import (
     select_topics,
     with_arm_joints,
 )
+from caesura_protocol.formats.unvalidated_recording import UnvalidatedRecording, UserStatements
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_protocol.recording import RecordingError
 
@@ -39,7 +39,7 @@ SLOWER = 2  # times as many values of the leading signal: the other one is held,
 FIRST_MESSAGES = 50  # messages of a topic, to find its signals: joint states may come from several nodes
 
 
-def read_rosbag(path: Path, mapped: ColumnMapping | None, stated: UserStatements) -> RawRecording:
+def read_rosbag(path: Path, mapped: ColumnMapping | None, stated: UserStatements) -> UnvalidatedRecording:
     """Read a rosbag2's directory, or one of its files.
 
     Raises RecordingError, or ValueError for another file.
@@ -107,7 +107,7 @@ def _first_messages(reader: AnyReader, topics: Mapping[str, Topic]) -> Iterator[
 
 def _content(
     path: Path, reader: AnyReader, topics: Mapping[str, Topic], plan: TopicSelection, *, named: bool
-) -> RawRecording:
+) -> UnvalidatedRecording:
     """Return the content of a plan's topics, aligned in time. named: whether a mapping names the topics.
 
     Raises RecordingError if the signals have no time in common.
@@ -129,7 +129,7 @@ def _content(
     unread = sorted({c.topic for c in reader.connections} - set(used))
     arrays = {"t": matrix[:, 0].copy(), **signals_of(joiner.columns, matrix)}
     assumed = [*(() if named else _of_topics(plan.topic_of)), *_of_rates(plan, joiner, counts, len(rows))]
-    return RawRecording(arrays, dict(plan.options), unread, tuple(assumed))
+    return UnvalidatedRecording(arrays, dict(plan.options), unread, tuple(assumed))
 
 
 def _of_topics(topic_of: Mapping[str, str]) -> Iterator[str]:

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 
 from caesura_protocol.columns import JOINT_SIGNALS
 from caesura_protocol.formats.mapping_file_read import ColumnMapping
-from caesura_protocol.formats.raw_recording import UserStatements
 from caesura_protocol.formats.ros_messages import TopicRule, Values, frame_of, values_of
 from caesura_protocol.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, WRENCH
+from caesura_protocol.formats.unvalidated_recording import UserStatements
 from caesura_protocol.messages import ESTIMATE, JOINTS
 from caesura_protocol.recording import RecordingError
 from caesura_protocol.robots import robot_description

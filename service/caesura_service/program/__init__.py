@@ -10,7 +10,12 @@ from caesura_service.program.interpretation.joined_movements import is_end_of_mo
 from caesura_service.program.interpretation.joined_strokes import may_end_movement
 from caesura_service.program.interpretation.regrips import with_regrips
 from caesura_service.program.interpretation.segment_interpretation import kept_steps
-from caesura_service.program.notes.left_out import BEGINS_MOVING, ENDS_MOVING, detours, left_out_note
+from caesura_service.program.notes.parts_in_no_app import (
+    BEGINS_MOVING,
+    ENDS_MOVING,
+    detours,
+    parts_in_no_app_note,
+)
 from caesura_service.program.notes.turned_biases import turned_biases_note
 from caesura_service.program.notes.unreproduced_finger_motion import unreproduced_finger_motion
 from caesura_service.program.notes.unreproduced_load_changes import unreproduced_load_changes_note
@@ -45,10 +50,10 @@ __all__ = [
     "holds",
     "is_end_of_movement",
     "kept_steps",
-    "left_out_note",
     "may_end_movement",
     "may_press_in",
     "observed_share",
+    "parts_in_no_app_note",
     "task_program",
     "turned_biases_note",
     "unreproduced_finger_motion",

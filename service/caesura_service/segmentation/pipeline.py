@@ -60,7 +60,7 @@ from caesura_service.segmentation.input_notes import (
     too_fast_note,
     wrench_report,
 )
-from caesura_service.segmentation.left_out_notes import left_out_notes
+from caesura_service.segmentation.notes_on_parts_in_no_app import notes_on_parts_in_no_app
 from caesura_service.segmentation.observation_store import ObservationStore, observed_pose
 from caesura_service.segmentation.opening_layout import arm_of, robot_of, sample_layout
 from caesura_service.segmentation.pipeline_interface import Pipeline, PipelineView
@@ -472,7 +472,7 @@ class SegmentationPipeline:
     def _with_notes(self, apps: Sequence[App], segments: Sequence[Segment]) -> dict[str, Any]:
         """Return the fields of a view that belong to the program."""
         unapplied = self._heeded.unapplied(apps, self._view.phases, self._is_beyond)
-        notes = (*self._notes(), *self._left_out(segments, apps), *self._heeded.notes(unapplied))
+        notes = (*self._notes(), *self._parts_in_no_app(segments, apps), *self._heeded.notes(unapplied))
         return {"apps": apps, "notes": notes, "unapplied": unapplied}
 
     def _phases_with(self, parts: list[SegmentEntry]) -> Sequence[Phase]:
@@ -523,11 +523,11 @@ class SegmentationPipeline:
             force_limit_n=self._opening.force_limit_n,
         )
 
-    def _left_out(self, segments: Sequence[Segment], apps: Sequence[App]) -> Iterator[str]:
+    def _parts_in_no_app(self, segments: Sequence[Segment], apps: Sequence[App]) -> Iterator[str]:
         """Yield notes on what of a finished demonstration is in no app or group; apps: as inferred."""
         if self._finished and apps:
             excursions = self._conditioner.finger_excursions
-            yield from left_out_notes(
+            yield from notes_on_parts_in_no_app(
                 segments,
                 apps,
                 self._history,

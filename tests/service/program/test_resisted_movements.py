@@ -18,7 +18,7 @@ from caesura_service.program import (
     Moment,
     Paths,
     ProgramSegment,
-    left_out_note,
+    parts_in_no_app_note,
     task_program,
 )
 from service.program.segments import GRASP, RELEASE, kinds, moment_at, segment
@@ -213,7 +213,7 @@ def test_only_a_harder_contact_beside_a_push_is_one_of_its_own(newton: float, is
     way, push = pushed(hit)
     steps = segment("motion", 0.0, 2.0), segment("sliding", 2.0, 5.0, force_held=PULL_N), hit
     apps = way.model_copy(update={"segments": (0,)}), push.model_copy(update={"segments": (1,)})
-    found = left_out_note(steps, apps, lambda t: Moment((0.0, -0.14, 0.2), None, None, None))
+    found = parts_in_no_app_note(steps, apps, lambda t: Moment((0.0, -0.14, 0.2), None, None, None))
     assert (f"a contact of {newton} N at 5.0–5.2 s" in (found or "")) == is_lost
 
 

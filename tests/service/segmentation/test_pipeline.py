@@ -33,7 +33,7 @@ from caesura_service.program import (
     task_program,
     with_regrips,
 )
-from caesura_service.segmentation import left_out_notes as notes_module
+from caesura_service.segmentation import notes_on_parts_in_no_app as notes_module
 from caesura_service.segmentation.pipeline import (
     LOOK_EVERY,
     PROGRAM_EVERY,

@@ -25,7 +25,6 @@ import numpy as np
 from caesura_clients.bridge.sources import Chunk, Mark
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.mapping_file_read import ColumnMapping
-from caesura_protocol.formats.raw_recording import UserStatements
 from caesura_protocol.formats.ros_messages import TopicRule, definitions_of, stamp_of, topic_rules
 from caesura_protocol.formats.ros_types import FRANKA_STATE, READ, CannotDecode, decoder
 from caesura_protocol.formats.signal_aligner import Row, SignalAligner
@@ -35,6 +34,7 @@ from caesura_protocol.formats.topic_selection import (
     select_topics,
     with_arm_joints,
 )
+from caesura_protocol.formats.unvalidated_recording import UserStatements
 from caesura_protocol.messages import ForceFrame, HandOnRobot, LengthUnit, WrenchSource
 from caesura_protocol.number_words import fixed, interval
 from caesura_protocol.programs.safety import UNSET, CellSettings

@@ -18,7 +18,7 @@ from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App
 from caesura_protocol.number_words import fixed, interval
 from caesura_protocol.screw_torque_and_text import TIGHT
-from caesura_service.program.notes.left_out import off_line
+from caesura_service.program.notes.parts_in_no_app import off_line
 from caesura_service.program.program_segment import length
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import App, Segment
-from caesura_service.program import Paths, detours, left_out_note
+from caesura_service.program import Paths, detours, parts_in_no_app_note
 from harness.programs import app, move
 from service.program.segments import GRASP, moment_at, program, segment
 
@@ -25,7 +25,7 @@ def pressed(newton: float) -> dict[str, Any]:
 
 def note(*segments: Segment, paths: Paths | None = None) -> str | None:
     """Of a hand that moves upwards with 100 mm/s all the time (`moment_at`)."""
-    return left_out_note(segments, program(*segments, paths=paths), moment_at)
+    return parts_in_no_app_note(segments, program(*segments, paths=paths), moment_at)
 
 
 def test_a_tap_that_is_too_short_for_an_app_is_named_with_its_force():
@@ -45,7 +45,7 @@ def test_what_is_left_of_a_press_in_an_app_is_none_that_is_lost():
     press, read_as_rest = segment("contact", 2.0, 3.0, **pressed(9.0)), segment("steady", 3.0, 3.4)
     app = program(segment("motion", 0.0, 2.0), press)[-1].model_copy(update={"segments": (1, 2)})
     rest = segment("contact", 3.4, 3.5, **pressed(9.0))
-    found = left_out_note((segment("motion", 0.0, 2.0), press, read_as_rest, rest), (app,), moment_at)
+    found = parts_in_no_app_note((segment("motion", 0.0, 2.0), press, read_as_rest, rest), (app,), moment_at)
     assert found is not None
     assert "contact" not in found
 
@@ -120,7 +120,7 @@ def test_the_weight_of_what_is_lifted_is_no_contact_that_is_lost(force, grips, i
         segment("contact", 2.0, 2.2, force_start=force, force_end=force, force_held=force),
         segment("transport", 2.2, 4.0, load_kg=0.8, load_sd_kg=0.02),
     )
-    found = left_out_note(segments, program(*segments, grips=grips), moment_at)
+    found = parts_in_no_app_note(segments, program(*segments, grips=grips), moment_at)
     assert ("a contact of" in (found or "")) == is_named
 
 
@@ -138,7 +138,7 @@ def test_the_weight_of_what_is_shaken_is_no_contact_that_is_lost(newton: float, 
     (carried,) = (one for one in program(*segments, grips=(replace(GRASP, t=-1.0),)) if one.kind == "hold")
     carried = carried.model_copy(update={"t0": 0.0, "tn": 4.0, "segments": (0, 4)})
     grasp = app("grasp", 0.0, 0.0, (0.0, 0.0, 0.0), gripper_width=0.05)
-    found = left_out_note(segments, (grasp, carried), moment_at)
+    found = parts_in_no_app_note(segments, (grasp, carried), moment_at)
     assert ("a contact of" in (found or "")) == is_named
 
 

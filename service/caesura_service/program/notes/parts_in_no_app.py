@@ -40,12 +40,12 @@ WIGGLED = 10  # steps between observations, one second
 NAMED = 5  # touches in a note, the strongest ones, and detours, the widest ones
 Array = NDArray[np.float64]
 
-LEFT_OUT = "Taught and in no app: "
+IN_NO_APP = "Taught and in no app: "
 BEGINS_MOVING = "The recording begins in motion: the way to the start of the program was not recorded."
 ENDS_MOVING = "The recording ends in motion: the program stops at the last recorded pose."
 
 
-def left_out_note(
+def parts_in_no_app_note(
     segments: Sequence[Segment],
     apps: Sequence[App],
     moment_at: MomentAt,
@@ -60,7 +60,7 @@ def left_out_note(
     if not segments or not apps:
         return None
     said = [*_at_the_ends(segments, apps, moment_at), *_touches(segments, apps, up), *others]
-    return f"{LEFT_OUT}{'; '.join(said)}. Teach it again where the robot is to do it." if said else None
+    return f"{IN_NO_APP}{'; '.join(said)}. Teach it again where the robot is to do it." if said else None
 
 
 def _at_the_ends(segments: Sequence[Segment], apps: Sequence[App], moment_at: MomentAt) -> Iterator[str]:

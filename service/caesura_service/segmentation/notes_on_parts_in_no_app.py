@@ -11,7 +11,7 @@ from caesura_service.program import (
     ENDS_MOVING,
     Moment,
     detours,
-    left_out_note,
+    parts_in_no_app_note,
     turned_biases_note,
     unreproduced_load_changes_note,
     unreproduced_pulls_note,
@@ -21,7 +21,7 @@ from caesura_service.program import (
 from caesura_service.segmentation.observation_store import ObservationStore
 
 
-def left_out_notes(
+def notes_on_parts_in_no_app(
     segments: Sequence[Segment],
     apps: Sequence[App],
     history: ObservationStore,
@@ -45,7 +45,7 @@ def left_out_notes(
     if _moves(history, 1):
         yield BEGINS_MOVING
     ways = detours(in_turns, *history.all_poses())
-    if note := left_out_note(segments, apps, moment, up, (*ways, *fingers)):
+    if note := parts_in_no_app_note(segments, apps, moment, up, (*ways, *fingers)):
         yield note
     if has_forces:
         span = history.t(0), history.t_last

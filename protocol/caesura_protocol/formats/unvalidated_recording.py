@@ -18,7 +18,7 @@ class UserStatements(NamedTuple):
     robot: str | None = None  # the arm's name, or the path of its description
 
 
-class RawRecording(NamedTuple):
+class UnvalidatedRecording(NamedTuple):
     """The unvalidated content of a recording's file.
 
     Signals by name, including `t`: (n,) or (n, width); options by name; names of other content. assumed: the

@@ -16,6 +16,7 @@ import numpy as np
 
 from caesura_lab.evaluation.annotated_declarations import with_annotated_declarations
 from caesura_lab.evaluation.cut_recordings import WINDOWS, in_window
+from caesura_lab.evaluation.estimated_wrenches import FRICTIONS, as_estimate
 from caesura_lab.evaluation.free_movements import MOVEMENTS, FreeMovements
 from caesura_lab.evaluation.rescaled_recordings import TEMPI, in_tempo
 from caesura_lab.evaluation.sensor_conditions import CONDITIONS
@@ -265,6 +266,17 @@ class PoorerCase(ChangedCase):
         return CONDITIONS[self.condition](_in_metres(recording), rng), truth
 
 
+class EstimateCase(ChangedCase):
+    """A case with an estimated wrench, by one of FRICTIONS, and without a hand.
+
+    Random numbers depend only on the case's name.
+    """
+
+    def _changed(self, recording: Recording, truth: Truth) -> tuple[Recording, Truth]:
+        rng = np.random.default_rng(crc32(self.case.name.encode()))
+        return as_estimate(recording, self.condition, rng), replace(truth, hand_in_wrench=False)
+
+
 class OtherTempoCase(ChangedCase):
     """A case with another duration or path size, by one of TEMPI."""
 
@@ -329,6 +341,11 @@ def movements(extent: SuiteOptions) -> list[Case]:
     """Return `seeds` demonstrations of every kind of free movement, by published laws and without a robot."""
     seeds = range(extent.first_seed, extent.first_seed + extent.seeds)
     return [FreeMovements(kind, seed) for kind in MOVEMENTS for seed in seeds]
+
+
+def estimates(extent: SuiteOptions) -> list[Case]:
+    """Return the cases of `teacher` with an estimated wrench, once for every friction of the joints."""
+    return [EstimateCase(case, friction) for friction in FRICTIONS for case in teacher(extent)]
 
 
 def _taught(scenarios: Iterable[str], extent: SuiteOptions, *, hand: bool = False) -> list[Case]:
@@ -431,12 +448,13 @@ def _recordings(annotated: Path) -> list[Path]:
     return plain or present or ([annotated] if is_bag(annotated) else [])
 
 
-TAUGHT = ("teacher", "skills", "hand")  # suites in which a robot is simulated
+TAUGHT = ("teacher", "skills", "hand", "estimates")  # suites in which a robot is simulated
 SIMULATED = (*TAUGHT, "movements")  # suites that need no recordings
 SUITES: Mapping[str, Callable[[SuiteOptions], list[Case]]] = {
     "teacher": teacher,
     "skills": skills,
     "hand": hand,
+    "estimates": estimates,
     "movements": movements,
     "real": real,
     "sensors": partial(_under_each, PoorerCase, CONDITIONS),

@@ -377,8 +377,9 @@ class Conditioner:
             force, scale = row[self._columns.force], None
             if self._tracks_bias:
                 tracker = _TARED if tare.bias is not None else _UNTARED
+                bias = tracker.advance(bias, force, row[self._columns.position])
                 mean, scale = tracker.estimate(bias)
-                bias, force = tracker.advance(bias, force), force - mean
+                force = force - mean
                 force.setflags(write=False)
             recent = recent.with_row(filtered, force)
             boundary = recent.boundary(

@@ -1,21 +1,25 @@
 """The bias of an estimated wrench, tracked from the past only.
 
-An estimate from joint torques has the error of the robot's model, which drifts. A robot without a hand on it
-is in contact or not, so every force is drawn from a mixture of two densities:
+An estimate from joint torques has the error of the robot's model. One part wanders with the pose. Another one
+is the joints' friction, which depends on the direction of the movement and stays where the arm stops (Dahl,
+"A solid friction model", 1968). A robot without a hand on it is in contact or not, so every force is drawn
+from a mixture of two densities:
 
-    p(F) = π N(m, b² I) + (1 − π) N(0, c² I)
+    p(F) = π N(Xᵀφ, (φᵀPφ + b²) I) + (1 − π) N(0, c² I)
 
-free space with mean m and scale b, or contact with a broad scale c. r is the probability of free space for
-a force, with m and b as they were before it:
+free space with scale b, whose mean is a bias and the friction of a direction u, or contact with a broad scale
+c. φ = (1, u), and the columns of X have the posterior covariance P in common. A step of length Δ in direction
+d renews the share h = 1 − exp(−Δ/s) of the friction, with the presliding distance s: u becomes u + h (d − u).
+With the probability r of free space,
 
-    m  = (n m0 + w Σ r F) / (n + w Σ r)
-    b² = (ν b0² + w Σ r |F − m|²) / (ν + 3 w Σ r)
+    X ← X + r g (F − Xᵀφ)ᵀ,   P ← P − r g φᵀP,   g = Pφ / (φᵀPφ + b²/(h w))
+    b² = (ν b0² + w Σ r |F − Xᵀφ|²) / (ν + 3 w Σ r)
 
-with the tare as m0, and the sums over the whole session; each |F − m|² has the m of its time. w < 1, because
-errors are correlated over a second, so ten observations a second are not ten independent ones. b is bounded
-below by the model's error in motion, which a long rest does not show, and above by half the scale of contact.
-m is subtracted from the force, and b is the scale of free space. See ARCHITECTURE.md, "Where `default`
-differs from the thesis' models".
+where each residual has the X of its time. w < 1, because errors are correlated over a second, so ten
+observations a second are not ten independent ones. Without a step the error stays, so a rest teaches nothing
+of it, and a light press at rest is no bias. b is bounded below by the model's error in motion, which a long
+rest does not show, and above by half the scale of contact. Xᵀφ is subtracted from the force, which is tared,
+and b is the scale of free space. See ARCHITECTURE.md, "Where `default` differs from the thesis' models".
 """
 
 from __future__ import annotations
@@ -30,51 +34,95 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 AXES = 3
-TRACKED_BIAS_N = 1.5  # scale of free space under the tracked mean, before any observation
+TRACKED_BIAS_N = 1.5  # scale of free space, and of an axis of its bias, before any observation
 LEAST_SCALE_N = 1.0  # by which an estimate errs in motion, however quiet a rest was
 MOST_LOG_ODDS = 500.0  # against free space, beyond which a force says nothing of it
-ORIGIN = (0.0, 0.0, 0.0)
 
 
 class BiasState(NamedTuple):
-    """Sums over the observations so far: r, r F (3,) [N], r |F − m|² [N²]."""
+    """The posterior of bias and friction, and sums over the observations so far.
 
+    coefficients: X (4, 3) [N]; covariance: P (4, 4) [N²]; direction: u (3,); position (3,) [m] of the last
+    observation; None before the first one. weight: Σ r; squares: Σ r |F − Xᵀφ|² [N²].
+    """
+
+    coefficients: Array | None = None
+    covariance: Array | None = None
+    direction: Array | None = None
+    position: Array | None = None
     weight: float = 0.0
-    total: tuple[float, float, float] = ORIGIN
     squares: float = 0.0
 
 
 @dataclass(frozen=True)
 class BiasTracker:
-    """Two-component mixture of a force: free space, with estimated mean and scale, and contact.
+    """Two-component mixture of a force: free space with bias and friction, and contact.
 
-    scale_n [N] b0; contact_n [N] c; free_share π; prior_mean n and prior_scale ν: weights of the prior, in
-    observations; weight w.
+    scale_n [N]: b0, and of an axis of the bias; friction_n [N]: of an entry of the friction; presliding_m [m]
+    s; contact_n [N] c; free_share π; prior_scale ν [observations]; weight w.
     """
 
     scale_n: float
+    friction_n: float = 3.0  # the error of an estimate, as robots are reported to have it
+    presliding_m: float = 0.002
     contact_n: float = 10.0
     free_share: float = 0.5
-    prior_mean: float = 1.0
     prior_scale: float = 10.0
     weight: float = 0.1
 
     def estimate(self, state: BiasState) -> tuple[Array, float]:
-        """Mean (3,) and scale [N] of free space, from the observations so far."""
-        mean = self.weight * np.array(state.total) / (self.prior_mean + self.weight * state.weight)
+        """Return the mean (3,) and the scale of free space [N], from the observations so far."""
+        if state.coefficients is None or state.direction is None:
+            return np.zeros(AXES), self._scale_n(state)
+        mean: Array = np.r_[1.0, state.direction] @ state.coefficients
+        return mean, self._scale_n(state)
+
+    def advance(self, state: BiasState, force: Array, position: Array) -> BiasState:
+        """Return the state after a force (3,) [N], tared, at a position (3,) [m]."""
+        coefficients, covariance = state.coefficients, state.covariance
+        if coefficients is None or covariance is None:
+            coefficients = np.zeros((1 + AXES, AXES))
+            covariance = np.diag([self.scale_n**2, *[self.friction_n**2] * AXES])
+        direction, renewed = self._direction(state, position)
+        regressors = np.r_[1.0, direction]
+        scale2 = self._scale_n(state) ** 2
+        projected = covariance @ regressors
+        uncertain = float(regressors @ projected)
+        off = force - regressors @ coefficients
+        share = self._free_probability(off, uncertain + scale2, force)
+        if share == 0.0:
+            return BiasState(coefficients, covariance, direction, position, state.weight, state.squares)
+        told = renewed * self.weight
+        gain = share * told / (told * uncertain + scale2) * projected
+        return BiasState(
+            coefficients + np.outer(gain, off),
+            covariance - np.outer(gain, projected),
+            direction,
+            position,
+            state.weight + share,
+            state.squares + share * float(off @ off),
+        )
+
+    def _direction(self, state: BiasState, position: Array) -> tuple[Array, float]:
+        """Return u at a position, and the share h of the friction that the way there has renewed."""
+        if state.direction is None or state.position is None:
+            return np.zeros(AXES), 0.0
+        step = position - state.position
+        way = math.sqrt(float(step @ step))
+        if way == 0.0:
+            return state.direction, 0.0
+        renewed = -math.expm1(-way / self.presliding_m)
+        direction: Array = state.direction + renewed * (step / way - state.direction)
+        return direction, renewed
+
+    def _scale_n(self, state: BiasState) -> float:
         squares = self.prior_scale * self.scale_n**2 + self.weight * state.squares
         scale = math.sqrt(squares / (self.prior_scale + AXES * self.weight * state.weight))
-        return mean, min(max(scale, LEAST_SCALE_N), 0.5 * self.contact_n)
+        return min(max(scale, LEAST_SCALE_N), 0.5 * self.contact_n)
 
-    def advance(self, state: BiasState, force: Array) -> BiasState:
-        """Return the state after a force (3,) [N], tared."""
-        mean, scale = self.estimate(state)
-        off2 = float((force - mean) @ (force - mean))
-        free = math.log(self.free_share) - AXES * math.log(scale) - 0.5 * off2 / scale**2
+    def _free_probability(self, off: Array, variance: float, force: Array) -> float:
+        """Return r; off: the force minus the mean of free space; variance: of an axis in free space [N²]."""
+        free = math.log(self.free_share) - 0.5 * (AXES * math.log(variance) + float(off @ off) / variance)
         touched = math.log1p(-self.free_share) - AXES * math.log(self.contact_n)
         touched -= 0.5 * float(force @ force) / self.contact_n**2
-        if not touched - free < MOST_LOG_ODDS:
-            return state
-        share = 1.0 / (1.0 + math.exp(touched - free))
-        x, y, z = (np.array(state.total) + share * force).tolist()
-        return BiasState(state.weight + share, (x, y, z), state.squares + share * off2)
+        return 1.0 / (1.0 + math.exp(touched - free)) if touched - free < MOST_LOG_ODDS else 0.0

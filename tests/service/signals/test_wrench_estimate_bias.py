@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,50 +18,137 @@ from harness.segmentations import segmented
 TRACKER = BiasTracker(scale_n=1.5)
 BUTTON = Path(__file__).parents[3] / "data" / "button.npz"
 DRIFT_N = np.array([2.0, -1.5, 1.0])
+DOWN, UP = np.array([0.0, 0.0, -0.01]), np.array([0.0, 0.0, 0.01])  # [m] in a tenth of a second
 
 
-def after(forces: np.ndarray, tracker: BiasTracker = TRACKER) -> BiasState:
+def after(forces: np.ndarray, tracker: BiasTracker = TRACKER, path: np.ndarray | None = None) -> BiasState:
+    """The state after forces at these positions, or at rest."""
     state = BiasState()
-    for force in forces:
-        state = tracker.advance(state, force)
+    for force, position in zip(forces, np.zeros_like(forces) if path is None else path, strict=True):
+        state = tracker.advance(state, force, position)
     return state
 
 
+def wandering(rng: np.random.Generator, n: int) -> np.ndarray:
+    """Positions (n, 3) [m] along directions that change."""
+    return np.cumsum(rng.normal(scale=0.004, size=(n, 3)), axis=0)
+
+
 def test_every_step_is_the_posterior_of_the_two_components_by_scipy() -> None:
-    forces = np.random.default_rng(0).normal([1.0, -0.5, 2.0], 1.0, (30, 3))
+    rng = np.random.default_rng(0)
+    forces, path = rng.normal([1.0, -0.5, 2.0], 1.0, (30, 3)), wandering(rng, 30)
     forces[10:15] += [0.0, 0.0, 15.0]
-    weight, total, squares, state = 0.0, np.zeros(3), 0.0, BiasState()
-    for force in forces:
-        mean = 0.1 * total / (1.0 + 0.1 * weight)
+    coefficients, covariance = np.zeros((4, 3)), np.diag([1.5**2, 9.0, 9.0, 9.0])
+    weight, squares, state, direction, renewed = 0.0, 0.0, BiasState(), np.zeros(3), 0.0
+    for i, force in enumerate(forces):
+        if i:
+            step = path[i] - path[i - 1]
+            way = np.linalg.norm(step)
+            renewed = 1.0 - np.exp(-way / 0.002)
+            direction = step / way + (direction - step / way) * np.exp(-way / 0.002)
+        regressors = np.concatenate([[1.0], direction])
         variance = min(max((10 * 1.5**2 + 0.1 * squares) / (10 + 0.3 * weight), 1.0), 25.0)
-        got_mean, got_scale = TRACKER.estimate(state)
-        np.testing.assert_allclose(got_mean, mean, rtol=1e-12)
-        assert got_scale == pytest.approx(np.sqrt(variance), rel=1e-12)
-        free = multivariate_normal(mean, variance * np.eye(3)).pdf(force)
+        uncertain = regressors @ covariance @ regressors
+        free = multivariate_normal(regressors @ coefficients, (uncertain + variance) * np.eye(3)).pdf(force)
         touched = multivariate_normal(np.zeros(3), 100.0 * np.eye(3)).pdf(force)
         share = free / (free + touched)
-        weight, total, squares = (
-            weight + share,
-            total + share * force,
-            squares + share * float((force - mean) @ (force - mean)),
-        )
-        state = TRACKER.advance(state, force)
+        gain = share * 0.1 * renewed * covariance @ regressors / (0.1 * renewed * uncertain + variance)
+        off = force - regressors @ coefficients
+        coefficients = coefficients + np.outer(gain, off)
+        covariance = covariance - np.outer(gain, regressors @ covariance)
+        weight, squares = weight + share, squares + share * float(off @ off)
+        state = TRACKER.advance(state, force, path[i])
+        mean, scale = TRACKER.estimate(state)
+        np.testing.assert_allclose(mean, regressors @ coefficients, rtol=1e-9)
+        assert state.weight == pytest.approx(weight, rel=1e-9)
+        expected = min(max((10 * 1.5**2 + 0.1 * squares) / (10 + 0.3 * weight), 1.0), 25.0)
+        assert scale == pytest.approx(np.sqrt(expected), rel=1e-9)
+
+
+def test_in_free_space_bias_and_friction_are_those_of_a_regression_over_the_whole_path() -> None:
+    tracker = BiasTracker(scale_n=1.0, free_share=1.0 - 1e-15)
+    rng = np.random.default_rng(4)
+    path = wandering(rng, 200)
+    friction = rng.normal(scale=2.0, size=(3, 3))
+    regressors, forces, weights, state = [], [], [], BiasState()
+    for position in path:
+        direction, renewed = np.zeros(3) if state.direction is None else state.direction, 0.0
+        if state.position is not None:
+            step = position - state.position
+            way = np.linalg.norm(step)
+            renewed = 1.0 - np.exp(-way / 0.002)
+            direction = step / way + (direction - step / way) * np.exp(-way / 0.002)
+        force = DRIFT_N + friction @ direction + rng.normal(scale=0.1, size=3)
+        regressors.append(np.concatenate([[1.0], direction]))
+        forces.append(force)
+        weights.append(0.1 * renewed / tracker.estimate(state)[1] ** 2)
+        state = tracker.advance(state, force, position)
+    weighted = np.array(regressors).T * weights
+    precision = np.diag([1.0, 1 / 9.0, 1 / 9.0, 1 / 9.0]) + weighted @ np.array(regressors)
+    expected = np.linalg.solve(precision, weighted @ np.array(forces))
+    np.testing.assert_allclose(state.coefficients, expected, atol=1e-8)
 
 
 def test_the_mean_follows_a_steady_bias_and_a_press_does_not_move_it() -> None:
     rng = np.random.default_rng(1)
-    free = rng.normal(DRIFT_N, 0.4, (300, 3))
-    mean, scale = TRACKER.estimate(after(free))
-    np.testing.assert_allclose(mean, DRIFT_N, atol=0.15)
+    free, path = rng.normal(DRIFT_N, 0.4, (300, 3)), wandering(rng, 350)
+    mean, scale = TRACKER.estimate(after(free, path=path[:300]))
+    np.testing.assert_allclose(mean, DRIFT_N, atol=0.3)
     assert 1.0 <= scale < 1.5
     pressed = np.concatenate([free, rng.normal(DRIFT_N + np.array([0.0, 0.0, 20.0]), 0.4, (50, 3))])
-    np.testing.assert_allclose(TRACKER.estimate(after(pressed))[0], mean, atol=0.05)
+    bias = after(free, path=path[:300]).coefficients
+    np.testing.assert_allclose(after(pressed, path=path).coefficients, bias, atol=0.05)
+
+
+def test_a_light_press_at_rest_is_no_bias() -> None:
+    path = np.cumsum([DOWN] * 20, axis=0)
+    there = after(np.zeros((20, 3)), path=path)
+    state = there
+    for _ in range(50):
+        state = TRACKER.advance(state, np.array([0.0, 0.0, 4.0]), path[-1])
+    np.testing.assert_array_equal(TRACKER.estimate(state)[0], TRACKER.estimate(there)[0])
+
+
+def test_the_friction_of_a_movement_is_no_contact_and_has_the_other_sign_on_the_way_back() -> None:
+    """A Panda's wrench changed by 7 N where it began to move, and all of that way was a contact or a load."""
+    rng = np.random.default_rng(5)
+    path = np.concatenate([np.zeros((10, 3)), np.cumsum([DOWN] * 20, axis=0)])
+    path = np.concatenate([path, path[-1] + np.cumsum([UP] * 3, axis=0)])
+    friction = np.array([3.0, 1.0, -6.0])
+    forces = rng.normal(0.0, 0.2, path.shape) + np.outer([0.0] * 10 + [1.0] * 20 + [-1.0] * 3, friction)
+    there = after(forces[:30], path=path[:30])
+    assert there.weight > 28.0
+    assert np.linalg.norm(TRACKER.estimate(there)[0] - friction) < 2.0
+    back = after(forces, path=path)
+    assert back.weight - there.weight > 2.5
+    assert TRACKER.estimate(back)[0] @ friction < 0.0
+
+
+def test_friction_stays_where_the_arm_stops() -> None:
+    path = np.cumsum([DOWN] * 30, axis=0)
+    forces = np.tile([2.0, 0.0, -4.0], (30, 1))
+    state = after(forces, path=path)
+    for _ in range(50):
+        state = TRACKER.advance(state, forces[-1], path[-1])
+    np.testing.assert_allclose(TRACKER.estimate(state)[0], forces[-1], atol=0.5)
+    np.testing.assert_allclose(state.direction, [0.0, 0.0, -1.0], atol=1e-6)
+
+
+def test_states_share_nothing_that_changes() -> None:
+    state = after(np.tile(DRIFT_N, (20, 1)), path=np.cumsum([UP] * 20, axis=0))
+    kept = copy.deepcopy(state)
+    TRACKER.advance(state, DRIFT_N, np.ones(3))
+    for was, now in zip(kept, state, strict=True):
+        np.testing.assert_array_equal(was, now)
 
 
 @pytest.mark.parametrize("newton", [1e6, 1e120, 1e155, 1e300])
 def test_a_force_beyond_any_scale_is_contact_and_teaches_nothing(newton: float) -> None:
+    state = after(np.tile(DRIFT_N, (5, 1)))
     with np.errstate(over="ignore"):
-        assert TRACKER.advance(BiasState(), np.array([0.0, 0.0, newton])) == BiasState()
+        beyond = TRACKER.advance(state, np.array([0.0, 0.0, newton]), np.zeros(3))
+    for was, now in zip(state, beyond, strict=True):
+        np.testing.assert_array_equal(was, now)
 
 
 def test_a_long_rest_does_not_make_the_error_of_a_movement_a_contact() -> None:
@@ -68,8 +157,8 @@ def test_a_long_rest_does_not_make_the_error_of_a_movement_a_contact() -> None:
     state = after(rng.normal(0.0, 0.1, (1800, 3)))
     moving = rng.normal([2.0, -1.0, 2.0], 0.4, (400, 3))
     shares = []
-    for force in moving:
-        before, state = state.weight, TRACKER.advance(state, force)
+    for force, position in zip(moving, wandering(rng, 400), strict=True):
+        before, state = state.weight, TRACKER.advance(state, force, position)
         shares.append(state.weight - before)
     assert np.mean(shares) > 0.5
 
@@ -82,28 +171,47 @@ def test_free_space_never_becomes_broader_than_contact() -> None:
     assert tracker.estimate(after(strong, tracker))[1] <= 0.5 * tracker.contact_n
 
 
-def taught(recording: Recording, hand: str) -> list[str]:
-    """Kinds of the button demonstration with a force that drifts by 4 N, as an estimate."""
-    drift = np.linspace(0.0, 1.0, recording.t.size)[:, None] * 1.5 * DRIFT_N
-    signals = {**recording.signals, "force": recording.signals["force"] + drift}
-    estimate = Recording(
-        t=recording.t,
+def estimated(recording: Recording, error: np.ndarray, hand: str = "no") -> list[str]:
+    """Kinds of a demonstration with an error (n, 3) [N] in its force, as an estimate."""
+    signals = {**recording.signals, "force": recording.signals["force"] + error}
+    estimate = replace(
+        recording,
         signals=signals,
         wrench_source="joint_torque_estimate",
         hand_on_robot=hand,  # type: ignore[arg-type]
-        force_frame=recording.force_frame,
-        length_unit=recording.length_unit,
-        name=recording.name,
     )
     return [segment.kind for segment in segmented(estimate).segments]
+
+
+def drift(recording: Recording) -> np.ndarray:
+    return np.linspace(0.0, 1.0, recording.t.size)[:, None] * 1.5 * DRIFT_N
+
+
+def friction(recording: Recording, newton: float) -> np.ndarray:
+    """The friction of a tool, by Dahl's model, against its movement."""
+    steps = np.diff(recording.signals["pos"], axis=0, prepend=recording.signals["pos"][:1])
+    states = np.zeros_like(steps)
+    for i, step in enumerate(steps[1:], start=1):
+        way = float(np.linalg.norm(step))
+        states[i] = states[i - 1] + (step - way * states[i - 1]) / 0.002
+    return -newton * states
 
 
 def test_presses_are_found_in_an_estimate_without_a_hand_though_its_bias_drifts() -> None:
     recording = load_recording(BUTTON)
     measured = [segment.kind for segment in segmented(recording).segments]
-    assert taught(recording, "no").count("contact") == measured.count("contact") > 0
+    assert estimated(recording, drift(recording)).count("contact") == measured.count("contact") > 0
+
+
+def test_friction_of_3_n_is_no_contact_and_hides_none() -> None:
+    """Five of its seven movements slid, as long as the tracker knew no friction."""
+    recording = load_recording(BUTTON)
+    kinds = estimated(recording, friction(recording, 3.0))
+    assert kinds.count("contact") == 3
+    assert set(kinds) == {"steady", "motion", "contact"}
 
 
 @pytest.mark.parametrize("hand", ["yes", "unknown"])
 def test_no_contact_is_claimed_where_a_hand_may_be_in_the_estimate(hand: str) -> None:
-    assert set(taught(load_recording(BUTTON), hand)) <= {"motion", "steady"}
+    recording = load_recording(BUTTON)
+    assert set(estimated(recording, drift(recording), hand)) <= {"motion", "steady"}

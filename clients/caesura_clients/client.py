@@ -18,8 +18,8 @@ from caesura_clients.query import SessionInfo
 from caesura_clients.session_corrections import edit, preview
 from caesura_clients.session_follower import follow
 from caesura_clients.session_state_reader import Update
+from caesura_protocol.derived_columns import DERIVED
 from caesura_protocol.errors import CaesuraError, ProtocolError
-from caesura_protocol.gap_free_sample_runs import SPEED
 from caesura_protocol.keys import SampleRange
 from caesura_protocol.messages import (
     COLUMNS_OF_SIGNAL,
@@ -53,7 +53,7 @@ from caesura_protocol.validation_words import first_finding
 A = TypeVar("A", bound=BaseModel)
 SAMPLED = (
     *(name for names in COLUMNS_OF_SIGNAL.values() for name in names),
-    SPEED,
+    *DERIVED,
 )  # what `samples` may have
 
 

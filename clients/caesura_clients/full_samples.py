@@ -13,9 +13,9 @@ import numpy as np
 from caesura_clients import query
 from caesura_clients.session_state_reader import Update
 from caesura_clients.session_to_recording import stated_recording
+from caesura_protocol.derived_columns import DERIVED
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.formats.unvalidated_recording import Array
-from caesura_protocol.gap_free_sample_runs import SPEED
 from caesura_protocol.keys import MAX_BINS, MIN_BIN_S, SampleRange
 from caesura_protocol.messages import Gap, RecordedSamples
 from caesura_protocol.minmax_decimation import unpack_points
@@ -71,7 +71,7 @@ def read_recording(transport: Transport, update: Update) -> Recording:
     name = f"{update.station}/{update.session}"
     key = (update.station, update.session)
     whole = query.samples(transport, *key, SampleRange(0.0, 1.0, 1))  # the first query reads the session
-    columns = ("t", *(column for column in whole.available if column != SPEED))
+    columns = ("t", *(column for column in whole.available if column not in DERIVED))
     if whole.first is None or whole.last is None:
         raise CaesuraError(f"{name} has no samples")
     if (values := update.status.samples * len(columns)) > MOST_VALUES:

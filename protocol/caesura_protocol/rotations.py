@@ -15,6 +15,7 @@ from caesura_protocol.up_direction import UP
 
 Array = NDArray[np.float64]
 LOCKED = 1e-6  # cosine of a pitch at which x and z are one axis
+SMALL = 1e-9  # sine of half an angle that is its own arc
 
 
 def matrix_of(quaternion: Sequence[float] | Array) -> Array:
@@ -49,6 +50,29 @@ def rotation_vector(quaternion: Sequence[float] | Array) -> tuple[float, float, 
     size = math.sqrt(x * x + y * y + z * z)
     factor = 2.0 if size < 1e-9 else 2.0 * math.atan2(size, w) / size
     return factor * x, factor * y, factor * z
+
+
+def rotation_vectors(quaternions: Array, start: Sequence[float]) -> Array:
+    """Return the rotation vectors (n, 3) [rad] from one quaternion (4,) to others (n, 4), in the base frame.
+
+    Each is at most π long; NaN for a quaternion of length 0. A row has the same bits among any other rows.
+    """
+    x, y, z, w = quaternions.T
+    a, b, c, d = _unit(start).tolist()
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        turned = np.stack(  # the quaternion times the conjugate of start
+            [
+                (x * d - w * a) + (z * b - y * c),
+                (y * d - w * b) + (x * c - z * a),
+                (z * d - w * c) + (y * a - x * b),
+            ]
+        )
+        cosine = (x * a + y * b) + (z * c + w * d)
+        sine = np.sqrt(turned[0] * turned[0] + turned[1] * turned[1] + turned[2] * turned[2])
+        length = sine + np.abs(cosine)
+        factor = np.where(sine > SMALL * length, np.arctan2(sine, np.abs(cosine)) / sine, 1.0 / length)
+        vectors: Array = (turned * np.where(cosine < 0.0, -2.0, 2.0) * factor).T
+    return vectors
 
 
 def quaternions_of_vectors(vectors: Array) -> Array:

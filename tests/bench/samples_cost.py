@@ -3,7 +3,7 @@
 An hour is written to a journal directly. It is read as after a restart, without an overview and with the kept
 one; a zoom is one of nine ranges. Then a service answers the same while a station is taught: the time between
 two results of that station, before and during the queries.
-Usage: python tests/bench/samples_cost.py [--rate 1000] [--seconds 3600]
+Usage: python tests/bench/samples_cost.py [--rate 1000] [--seconds 3600] [--orientation]
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from caesura_service.decimation import SampleReader
 from caesura_service.decimation.reader import Owned
 from caesura_service.journal import FileBatches, SqliteJournal
 from dashboard.stage import patient
-from harness.journals import ended, taught, written
+from harness.journals import COLUMNS, TURNING_COLUMNS, ended, taught, turning, written
 from harness.processes import Service, running
 
 BINS = 1200
@@ -114,11 +114,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rate", type=float, default=1000.0, help="Hz")
     parser.add_argument("--seconds", type=float, default=3600.0)
+    parser.add_argument("--orientation", action="store_true", help="four columns more, of a quaternion")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         journals = [Path(folder) / name for name in ("kept", "fresh")]
+        make, columns = (turning, TURNING_COLUMNS) if asked.orientation else (taught, COLUMNS)
+        matrix, closed = make(asked.seconds, asked.rate), ended("motion", t=asked.seconds)
         for one in journals:
-            written(one, taught(asked.seconds, asked.rate), closed=ended("motion", t=asked.seconds))
+            written(one, matrix, closed=closed, columns=columns)
         read(journals[0], asked.seconds)
         beside(journals[1], asked.seconds)
 

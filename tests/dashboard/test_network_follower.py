@@ -12,6 +12,7 @@ from caesura_clients.dashboard.replacement_sessions import ReplacementSessions
 from caesura_clients.query import services, stations
 from caesura_clients.session_follower import SessionRemoved
 from caesura_protocol.codec import Encoded, encode, encode_error, pack_samples
+from caesura_protocol.derived_columns import ROTATION
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import SampleRange, service_key, session_key, station_key
 from caesura_protocol.messages import (
@@ -22,6 +23,7 @@ from caesura_protocol.messages import (
     RecordedSamples,
     ServiceStatus,
 )
+from caesura_protocol.minmax_decimation import unpack_points
 from clients.answering import Answering
 from clients.examples import example, segments, snapshot
 from clients.fake_service import eventually
@@ -225,6 +227,22 @@ def test_the_newest_samples_are_read_here_and_others_asked_for(gateway, memory, 
     key = session_key(station(), "older", "samples")
     answering.answers[key] = encode(example(RecordedSamples))
     assert gateway.samples(station(), "older", wanted) == example(RecordedSamples)
+
+
+def test_a_dashboard_that_joins_late_asks_for_the_first_orientation_of_a_session(gateway, memory, answering):
+    columns, session = ("t", "qx", "qy", "qz", "qw"), snapshot(1).status.session
+    robot, key = memory.transport(), station_key(station(), "samples")
+    for seq in (7, 8):
+        rows = np.column_stack([seq + np.arange(500) / 1000.0, np.tile([0.0, 0.0, 0.6, 0.8], (500, 1))])
+        robot.put(key, encode(pack_samples(rows, columns, session=session, epoch=0, seq=seq)))
+        eventually(lambda seq=seq: station() in gateway.received and gateway.received[station()].t > seq)
+        if seq == 7:
+            answer = example(RecordedSamples).model_copy(update={"first_orientation": (0.0, 0.0, 0.0, 1.0)})
+            answering.answers[session_key(station(), session, "samples")] = encode(answer)
+            assert gateway.samples(station(), session, SampleRange(7.1, 7.2, 100, ROTATION)) == answer
+    found = gateway.samples(station(), session, SampleRange(8.1, 8.2, 100, ROTATION))
+    assert found.instance == "dashboard"
+    assert unpack_points(found)["rotation_z"][:, 1] == pytest.approx(2.0 * np.arctan2(0.6, 0.8))
 
 
 def test_the_samples_of_a_session_that_has_ended_are_asked_for(gateway, memory, answering):

@@ -10,9 +10,16 @@ import numpy as np
 import pytest
 
 from caesura_clients.dashboard.signal_ring import BIN_S, SPAN_S, SignalRing, as_bytes
+from caesura_protocol.codec import pack_samples
+from caesura_protocol.derived_columns import ROTATION
 from caesura_protocol.keys import SampleRange
 from caesura_protocol.messages import RecordedSamples
 from caesura_protocol.minmax_decimation import unpack_points
+from caesura_service.decimation import SampleReader
+from caesura_service.decimation.reader import Owned
+from caesura_service.journal import JournalBatches, MemoryJournal, Record
+from harness.journals import TURNING_COLUMNS, turning
+from harness.sessions import opening
 
 COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz")
 ALL = SampleRange(-1e6, 1e6, 10)
@@ -74,6 +81,48 @@ def test_a_hole_is_stated_and_has_no_speed_behind_it(pause_s, skipped, reason):
     ]
     times = unpack_points(found)["speed"][:, 0]
     assert not ((times > 0.999) & (times < 1.08 + pause_s)).any()
+
+
+def recorded(matrix: np.ndarray, columns: tuple[str, ...]) -> RecordedSamples:
+    """What a service answers for all samples, in the bins of a ring."""
+    journal = MemoryJournal()
+    journal.append(Record("cell-1", "s1", 1.0, opening(columns=columns)))
+    for seq, start in enumerate(range(0, len(matrix), 20)):
+        batch = pack_samples(matrix[start : start + 20], columns, session="s1", epoch=0, seq=seq)
+        journal.append(Record("cell-1", "s1", 2.0, batch))
+    wanted = SampleRange(0.0, 4096 * BIN_S, 4096, columns=("px", *ROTATION))
+    return SampleReader(JournalBatches(journal)).read(Owned("cell-1", "s1", "caesura-1", 1, True), wanted)
+
+
+def test_a_live_session_turns_as_its_journal_does():
+    ring, matrix = SignalRing(), turning(30.0, 1000.0)
+    sent(ring, matrix, columns=TURNING_COLUMNS)
+    live, kept = read(ring), recorded(matrix, TURNING_COLUMNS)
+    assert ring.covers("s1", 0.0, ROTATION)
+    assert kept.bin_s == BIN_S
+    for name in ("px", *ROTATION):
+        assert np.array_equal(unpack_points(live)[name], unpack_points(kept)[name]), name
+
+
+def test_who_joins_late_has_rotations_once_the_first_orientation_is_known():
+    ring, matrix = SignalRing(), turning(30.0, 1000.0)
+    kept = recorded(matrix, TURNING_COLUMNS)
+    sent(ring, matrix[10_000:15_010], first=500, columns=TURNING_COLUMNS)
+    assert ring.covers("s1", 11.0, ("px",))
+    assert not ring.covers("s1", 11.0, ROTATION)
+    assert not ring.covers("s1", 11.0), "all columns"
+    assert unpack_points(read(ring))["rotation_z"].size == 0
+    ring.set_first_orientation("s2", kept.first_orientation)
+    ring.set_first_orientation("s1", None)
+    assert not ring.covers("s1", 16.0, ROTATION)
+    ring.set_first_orientation("s1", kept.first_orientation)
+    sent(ring, matrix[15_010:], first=751, columns=TURNING_COLUMNS)
+    assert not ring.covers("s1", 15.0, ROTATION)
+    assert ring.covers("s1", 15.06, ROTATION)
+    live = unpack_points(read(ring, SampleRange(15.06, 30.0, 100, ROTATION)))
+    for name in ROTATION:
+        points = unpack_points(kept)[name]
+        assert np.array_equal(live[name], points[points[:, 0] >= 15.04 - 1e-9]), name
 
 
 def test_batches_that_did_not_arrive_are_not_covered_until_they_are_past():

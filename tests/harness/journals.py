@@ -16,6 +16,7 @@ from caesura_service.journal import JournalSettings, Outcome, Record, SqliteJour
 from clients.examples import snapshot
 
 COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz")
+TURNING_COLUMNS = (*COLUMNS, "qx", "qy", "qz", "qw")
 BATCH = 20
 BURST = 50  # short sessions that are written together
 UNLIMITED = JournalSettings(waiting_bytes=1 << 30)
@@ -43,6 +44,21 @@ def taught(seconds: float, rate_hz: float = 100.0, *, seed: int = 0) -> NDArray[
     force = rng.normal(0.0, 0.5, (t.size, 3))
     force[rng.integers(0, t.size, max(1, t.size // 3000)), 2] += 40.0
     return np.column_stack([t, place + rng.normal(0.0, 1e-4, place.shape), force])
+
+
+def turning(seconds: float, rate_hz: float = 100.0) -> NDArray[np.float64]:
+    """Samples (n, columns) as `taught`, of a tool that turns by up to 230° from the start, and tilts.
+
+    Every third quaternion has the other sign.
+    """
+    matrix = taught(seconds, rate_hz)
+    t = matrix[:, 0]
+    half, lean = 2.0 * np.sin(t / 5.0), 0.1 * np.sin(t / 3.0)
+    (s, c), (sl, cl) = (np.sin(half), np.cos(half)), (np.sin(lean), np.cos(lean))
+    quaternion = np.column_stack([cl * c, cl * s, sl * s, sl * c])  # about z, and about the flange's x
+    quaternion += np.random.default_rng(1).normal(0.0, 1e-4, quaternion.shape)
+    quaternion[::3] *= -1.0
+    return np.hstack([matrix, quaternion])
 
 
 def written(

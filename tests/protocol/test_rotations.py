@@ -14,6 +14,7 @@ from caesura_protocol.rotations import (
     quaternions_of_roll_pitch_yaw,
     quaternions_of_vectors,
     roll_pitch_yaw,
+    rotation_vectors,
 )
 
 
@@ -45,6 +46,19 @@ def test_roll_pitch_and_yaw_are_those_of_scipy_and_turn_back_to_the_quaternion()
         upright = quaternions_of_roll_pitch_yaw(np.array([[0.4, pitch, 0.3]]))
         found = quaternions_of_roll_pitch_yaw(np.array([roll_pitch_yaw(upright[0])]))
         assert_allclose(matrices_of(found), matrices_of(upright), atol=1e-6)
+
+
+def test_rotation_vectors_are_those_of_scipy_whatever_sign_and_length_a_quaternion_has() -> None:
+    rng = np.random.default_rng(6)
+    start, others = Rotation.random(rng=rng), Rotation.random(500, rng=rng)
+    tiny = Rotation.from_rotvec(rng.normal(size=(500, 3)) * 10.0 ** rng.uniform(-14.0, 0.0, (500, 1))) * start
+    for turned in (others, tiny):
+        quaternions = turned.as_quat() * rng.choice([-1.0, 1.0, 0.97], (500, 1))
+        first = (-1.03 * start.as_quat()).tolist()
+        found = rotation_vectors(quaternions, first)
+        assert_allclose(found, (turned * start.inv()).as_rotvec(), atol=1e-12)
+        assert (rotation_vectors(quaternions[123:124], first) == found[123]).all(), "alone the same bits"
+    assert np.isnan(rotation_vectors(np.zeros((1, 4)), first)).all()
 
 
 def test_quaternions_of_angles_are_those_of_scipy() -> None:

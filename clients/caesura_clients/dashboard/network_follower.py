@@ -107,12 +107,15 @@ class NetworkFollower(RepeatingThreads):
         ring. Raises NotFound, Unreachable or ProtocolError.
         """
         ring, update = self._rings.get(station), self.world.update(station, session)
-        if ring is None or update is None or update.closed or not ring.covers(session, wanted.t0):
+        if ring is None or update is None or update.closed:
             return self.journal_samples(station, session, wanted)
-        found = ring.read(station, wanted, update.status.length_unit, update.status.wrench.frame)
-        if found is not None and found.session == session:
-            return found
-        return self.journal_samples(station, session, wanted)
+        if ring.covers(session, wanted.t0, wanted.columns):
+            found = ring.read(station, wanted, update.status.length_unit, update.status.wrench.frame)
+            if found is not None and found.session == session:
+                return found
+        recorded = self.journal_samples(station, session, wanted)
+        ring.set_first_orientation(session, recorded.first_orientation)
+        return recorded
 
     def journal_samples(self, station: str, session: str, wanted: SampleRange) -> RecordedSamples:
         """Return the samples of a range from the journal alone, in bins of one width. Raises as `samples`."""

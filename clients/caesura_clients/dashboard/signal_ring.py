@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.gap_free_sample_runs import RunSplitter, Speed, chosen_columns, drawn_columns, in_metres
+from caesura_protocol.derived_columns import ROTATION, DerivedColumns, chosen_columns, drawn_columns
+from caesura_protocol.gap_free_sample_runs import RunSplitter, in_metres
 from caesura_protocol.keys import SampleRange
-from caesura_protocol.messages import ForceFrame, Gap, LengthUnit, RecordedSamples
+from caesura_protocol.messages import ForceFrame, Gap, LengthUnit, Quaternion, RecordedSamples
 from caesura_protocol.minmax_decimation import (
     Extremes,
     between,
@@ -48,7 +49,8 @@ class SignalRing:
 
     def _begin(self, session: str, columns: tuple[str, ...]) -> None:
         self._session, self._columns = session, columns
-        self._splitter, self._speed = RunSplitter(), Speed(columns)
+        self._splitter, self._derived = RunSplitter(), DerivedColumns(columns)
+        self._rotations_from = float("-inf")  # [s]
         self._waiting: list[tuple[int, Array]] = []
         self._rows = 0  # that wait
         self._parts: list[Extremes] = []
@@ -77,17 +79,29 @@ class SignalRing:
             if self._rows > FOLD_ROWS:
                 self._fold()
 
-    def covers(self, session: str, t0: float) -> bool:
+    def covers(self, session: str, t0: float, columns: tuple[str, ...] = ()) -> bool:
         """Return whether the ring has all samples of a session that the station has sent from t0 [s] on.
 
-        False if a batch was not received: the caller queries the journal, which may have it.
+        columns: that are read, all if empty. False if a batch was not received, or if rotations are read from
+        an orientation that is not known here: the caller queries the journal, which may have it.
         """
         with self._lock:
             self._fold()
             if self._parts:
                 self._drop_old()  # as a read does
             is_whole = all(hole.reason == "source" or hole.tn <= t0 for hole in self._holes)
+            rotates = set(chosen_columns(columns, drawn_columns(self._columns))) & set(ROTATION)
+            if rotates and t0 < self._rotations_from:
+                return False
             return is_whole and session == self._session and (self._has_beginning or self._first <= t0)
+
+    def set_first_orientation(self, session: str, orientation: Quaternion | None) -> None:
+        """Set the orientation from which a session turns, unless its beginning was received."""
+        with self._lock:
+            self._fold()
+            if session == self._session and orientation and self._derived.first_orientation is None:
+                self._derived.first_orientation = orientation
+                self._rotations_from = self._last + BIN_S  # the bin of the last sample lacks some
 
     def read(
         self, station: str, wanted: SampleRange, unit: LengthUnit, frame: ForceFrame
@@ -110,7 +124,7 @@ class SignalRing:
         scale = dict(zip(columns, in_metres(columns, unit), strict=True))
         scale["speed"] = scale.get("px", 1.0)
         chosen = chosen_columns(wanted.columns, known)
-        points = [points_of(some, known.index(name)) * (1.0, scale[name]) for name in chosen]
+        points = [points_of(some, known.index(name)) * (1.0, scale.get(name, 1.0)) for name in chosen]
         return RecordedSamples(
             station=station,
             session=session,
@@ -140,7 +154,10 @@ class SignalRing:
                 self._holes.append(run.after)
             if not self._parts:
                 self._first, self._has_beginning = float(run.t[0]), int(seqs[0]) == 0
-            self._parts.append(extremes_of(bins_of(run.t, BIN_S), run.t, self._speed.beside(run)))
+                if not self._has_beginning:
+                    self._derived = DerivedColumns(self._columns, has_beginning=False)
+                    self._rotations_from = float("inf")
+            self._parts.append(extremes_of(bins_of(run.t, BIN_S), run.t, self._derived.beside(run)))
             self._last = float(run.t[-1])
         if len(self._parts) > PARTS or sum(len(part.number) for part in self._parts[1:]) > SPAN_BINS:
             self._drop_old()

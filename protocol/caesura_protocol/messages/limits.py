@@ -11,6 +11,7 @@ MAX_BATCH_SAMPLES = 1000
 MAX_BATCH_SPAN_S = 60.0  # first to last sample of a batch
 MAX_BATCHES_AHEAD = 1_000_000  # of the expected one; further ahead is not a sequence number
 MAX_COLUMNS = 64
+MAX_DRAWN = MAX_COLUMNS + 3  # columns of a plot: without time, with four that are computed
 MAX_GAPS = 256  # that a status lists
 MAX_BUDGETS = 32  # stations whose budgets a service status lists
 MAX_DAMAGED = 16  # sessions that the report on a journal lists

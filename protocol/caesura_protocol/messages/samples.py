@@ -10,10 +10,19 @@ from typing import Annotated
 
 from pydantic import Field
 
-from caesura_protocol.messages.field_types import Amount, Columns, Count, ForceFrame, Listed, Name, Seconds
+from caesura_protocol.messages.field_types import (
+    Amount,
+    Columns,
+    Count,
+    ForceFrame,
+    Listed,
+    Name,
+    Quaternion,
+    Seconds,
+)
 from caesura_protocol.messages.limits import (
     MAX_BATCH_SAMPLES,
-    MAX_COLUMNS,
+    MAX_DRAWN,
     MAX_HOLES,
     MAX_WHOLE_BYTES,
     PIECE_BYTES,
@@ -55,9 +64,11 @@ class RecordedSamples(Message):
     order of time; one point if both are the same sample. A bin without samples has no point. Bins begin at
     multiples of `bin_s`; those at the ends of the range are complete.
 
-    Positions are in metres; forces and torques as they were sent (see `force_frame`). Only `speed` is
-    computed: the distance between the mean position of the last 40 ms and that of the 40 ms before, divided
-    by the time between them. Without positions it is that of all joints together [rad/s].
+    Positions are in metres; forces and torques as they were sent (see `force_frame`). Four columns are
+    computed. `speed` is the distance between the mean position of the last 40 ms and that of the 40 ms
+    before, divided by the time between them. Without positions it is that of all joints together [rad/s].
+    `rotation_x`, `rotation_y` and `rotation_z` are the rotation vector [rad] from `first_orientation`, in the
+    base frame: axis times angle, at most π long.
     """
 
     station: Name
@@ -67,15 +78,16 @@ class RecordedSamples(Message):
     t0: Seconds  # [s] the range that was asked for
     tn: Seconds  # [s]
     bin_s: Amount  # [s] width of a bin
-    available: Annotated[Listed[str], Field(max_length=MAX_COLUMNS)]  # columns that the session has
-    columns: Annotated[Listed[str], Field(max_length=MAX_COLUMNS)]  # those of them that were asked for
-    counts: Annotated[Listed[Count], Field(max_length=MAX_COLUMNS)]  # points of each column
+    available: Annotated[Listed[str], Field(max_length=MAX_DRAWN)]  # columns that the session has
+    columns: Annotated[Listed[str], Field(max_length=MAX_DRAWN)]  # those of them that were asked for
+    counts: Annotated[Listed[Count], Field(max_length=MAX_DRAWN)]  # points of each column
     points: bytes  # little-endian float64, a pair (t, value) a point, column by column
     first: Seconds | None  # [s] the first sample of the session; None where it has none
     last: Seconds | None  # [s] its last one in the journal: what comes later is not recorded, or not yet
     holes: Annotated[Listed[Gap], Field(max_length=MAX_HOLES)] = ()  # in the range, from sample to sample
     holes_more: Count = 0  # shorter ones that are not listed
     force_frame: ForceFrame = "base"
+    first_orientation: Quaternion | None = None  # x y z w of the session; None where it has none
 
 
 class Piece(Message):

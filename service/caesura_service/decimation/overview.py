@@ -16,8 +16,8 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.gap_free_sample_runs import Speed, drawn_columns
-from caesura_protocol.messages import Gap, Open
+from caesura_protocol.derived_columns import DerivedColumns, drawn_columns
+from caesura_protocol.messages import Gap, Open, Quaternion
 from caesura_protocol.minmax_decimation import Extremes, bins_of, extremes_of, joined, nothing
 from caesura_service.decimation.batch_decoder import BatchDecoder
 from caesura_service.journal import BatchRow, Key, Lost, SessionExtent
@@ -26,7 +26,7 @@ from caesura_service.sessions.limits import Limits
 SAMPLES_PER_BIN = 50  # at most: a view of narrower bins reads so many for each of its own
 WIDTHS_S = tuple(m * 10.0**e for e in range(-3, 3) for m in (1.0, 2.0, 5.0))
 PARTS = 64  # pages that are joined at once
-VERSION = 1  # of what is kept of an overview; another one is made anew
+VERSION = 2  # of what is kept of an overview; another one is made anew
 KEPT = ("bin_s", "first", "last", "read_up_to")
 HELD = Limits().held_batches  # that may come before their turn
 
@@ -54,7 +54,7 @@ class SessionOverview:
         self.is_kept = False  # does the journal have it as it is?
         self.holes: list[Gap] = []
         self.pages: list[PageTimes] = []
-        self._assembly, self._speed = BatchDecoder(extent.opening), Speed(extent.opening.columns)
+        self._assembly, self._derived = BatchDecoder(extent.opening), DerivedColumns(extent.opening.columns)
         self._parts: list[Extremes] = []
         self._held: dict[int, BatchRow] = {}
         self._next_seq: int | None = None
@@ -63,6 +63,11 @@ class SessionOverview:
     def opening(self) -> Open:
         """The opening of the session."""
         return self.extent.opening
+
+    @property
+    def first_orientation(self) -> Quaternion | None:
+        """The first orientation of the session, to which its rotations are relative."""
+        return self._derived.first_orientation
 
     @property
     def nbytes(self) -> int:
@@ -119,7 +124,7 @@ class SessionOverview:
             if run.after is not None:
                 self.holes.append(run.after)
             self.last = float(run.t[-1])
-            values = self._speed.beside(run)
+            values = self._derived.beside(run)
             self._parts.append(extremes_of(bins_of(run.t, self.bin_s), run.t, values))
         if len(self._parts) > PARTS:
             self._parts = [joined(self._parts)]
@@ -139,6 +144,7 @@ class SessionOverview:
         """Return the overview as bytes, to be stored with a closed session."""
         fields = {name: getattr(self, name) for name in KEPT} | {"version": VERSION}
         fields |= {"holes": [hole.model_dump() for hole in self.holes], "identity": self._identity()}
+        fields |= {"first_orientation": self.first_orientation}
         header = np.frombuffer(json.dumps(fields).encode(), np.uint8)
         content = BytesIO()
         np.savez(content, header=header, pages=np.array(self.pages), **self.extremes()._asdict())
@@ -153,6 +159,8 @@ class SessionOverview:
                 fields = json.loads(kept["header"].tobytes())
                 if (fields.pop("version"), fields.pop("identity")) != (VERSION, overview._identity()):
                     return None
+                if (turned_from := fields.pop("first_orientation")) is not None:
+                    overview._derived = DerivedColumns(extent.opening.columns, tuple(turned_from))
                 overview.holes = [Gap.model_validate(hole) for hole in fields.pop("holes")]
                 overview.pages = [
                     PageTimes(t0, tn, int(first), int(last)) for t0, tn, first, last in kept["pages"].tolist()

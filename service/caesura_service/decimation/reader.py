@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from caesura_protocol.derived_columns import SPEED_WINDOW_S, DerivedColumns, chosen_columns
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.gap_free_sample_runs import SPEED_WINDOW_S, Speed, chosen_columns
 from caesura_protocol.keys import MAX_BINS, SampleRange
 from caesura_protocol.messages import MAX_HOLES, Gap, RecordedSamples
 from caesura_protocol.minmax_decimation import (
@@ -88,6 +88,7 @@ class SampleReader:
             holes=holes,
             holes_more=more,
             force_frame=overview.opening.force_frame,
+            first_orientation=overview.first_orientation,
         )
 
     def has(self, station: str, session: str) -> bool:
@@ -180,10 +181,11 @@ class SampleReader:
                 count += sum(n for n, begin, end in times if begin <= tn and end >= t0)
                 if count > MOST_SAMPLES:
                     return None
-        assembly, speed = BatchDecoder(overview.opening), Speed(overview.opening.columns)
+        assembly = BatchDecoder(overview.opening)
+        derived = DerivedColumns(overview.opening.columns, overview.first_orientation)
         parts = []
         for run in assembly.push([batches[seq] for seq in sorted(batches)]):
-            values, index = speed.beside(run), bins_of(run.t, bin_s)
+            values, index = derived.beside(run), bins_of(run.t, bin_s)
             inside = slice(*np.searchsorted(index, (first, last + 1)))
             if inside.start < inside.stop:
                 parts.append(extremes_of(index[inside], run.t[inside], values[inside]))

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from caesura_protocol.derived_columns import DERIVED
 from caesura_protocol.messages import RecordedSamples
 from caesura_protocol.minmax_decimation import unpack_points
 
@@ -23,7 +24,7 @@ def check(recorded: RecordedSamples, matrix: np.ndarray, columns: tuple[str, ...
     row_at = {t: row for row, t in enumerate(inside[:, 0].tolist())}
     edges = np.flatnonzero(np.diff(bins, prepend=-1e18))
     for name, found in points.items():
-        if name == "speed":
+        if name in DERIVED:
             continue
         values = inside[:, columns.index(name)]
         rows = [row_at.get(t) for t in found[:, 0].tolist()]

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from caesura_protocol.codec import pack_samples
+from caesura_protocol.derived_columns import ROTATION
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import MAX_BINS, SampleRange
+from caesura_protocol.messages import MAX_COLUMNS
 from caesura_protocol.minmax_decimation import unpack_points
-from caesura_service.decimation import SampleReader
+from caesura_service.decimation import SampleReader, overview
 from caesura_service.decimation.batch_decoder import BatchDecoder
 from caesura_service.decimation.overview import SAMPLES_PER_BIN
 from caesura_service.decimation.reader import Owned
 from caesura_service.journal import FileBatches, JournalBatches, MemoryJournal, Record, SqliteJournal
-from harness.journals import COLUMNS, ended, taught, written
+from harness.journals import COLUMNS, TURNING_COLUMNS, ended, taught, turning, written
 from harness.processes import eventually
 from harness.sessions import opening
 from service.decimation.oracle import check
@@ -89,6 +92,104 @@ def test_the_speed_is_that_between_two_means_and_absent_behind_a_hole(tmp_path, 
         assert speed == pytest.approx(np.linalg.norm(moved) / (t[newer].mean() - t[older].mean()), rel=1e-6)
     times = unpack_points(recorded)["speed"][:, 0]
     assert not ((times > 20.0) & (times < 24.07)).any()
+
+
+def rotated(matrix: np.ndarray) -> np.ndarray:
+    """The rotation vectors (n, 3) of samples with TURNING_COLUMNS, from the first of them on."""
+    there = Rotation.from_quat(matrix[:, 7:])
+    return (there * there[0].inv()).as_rotvec()
+
+
+def test_rotations_are_relative_to_the_first_orientation_and_the_same_at_every_zoom(tmp_path):
+    """The tool turns beyond a half turn, where the vector jumps; quaternions change their sign."""
+    sent = turning(60.0, 500.0)
+    sent[:10, 7:] = 0.0  # none yet
+    sent[10_000:, 0] += 4.0
+    written(tmp_path, sent, columns=TURNING_COLUMNS, lost=(900,))
+    expected = dict(zip(sent[10:, 0].tolist(), rotated(sent[10:]), strict=True))
+    jumps = np.linalg.norm(np.diff(rotated(sent[10:]), axis=0), axis=1) > np.pi
+    assert jumps.any()
+    reader, seen = SampleReader(FileBatches(tmp_path)), dict[float, list[float]]()
+    for wanted in (
+        SampleRange(0.0, 64.0, 100, ROTATION),
+        SampleRange(12.0, 30.0, 900, ROTATION),
+        SampleRange(15.0, 17.0, 4096, ROTATION),
+        SampleRange(39.9, 40.1, 4096, ROTATION),
+    ):
+        recorded = reader.read(CLOSED, wanted)
+        assert recorded.columns == ROTATION
+        assert recorded.first_orientation == tuple(sent[10, 7:].tolist())
+        for axis, (name, points) in enumerate(unpack_points(recorded).items()):
+            assert len(points) > 50
+            for t, value in points.tolist():
+                assert value == pytest.approx(expected[t][axis], abs=1e-9)
+                assert seen.setdefault((name, t), value) == value, "the bits of the other zooms"
+    points = unpack_points(reader.read(CLOSED, SampleRange(0.0, 64.0, 4096, ROTATION)))
+    for axis, name in enumerate(ROTATION):
+        values = rotated(sent[10:])[:, axis]
+        assert points[name][:, 1].min() == pytest.approx(values.min(), abs=1e-9)
+        assert points[name][:, 1].max() == pytest.approx(values.max(), abs=1e-9)
+
+
+def test_rotations_are_the_same_from_a_kept_overview_and_while_the_session_goes_on(tmp_path):
+    sent, ranges = turning(30.0, 500.0), (SampleRange(0.0, 30.0, 50), SampleRange(20.0, 22.0, 900))
+    written(tmp_path, sent[:7500], columns=TURNING_COLUMNS)
+    reader = SampleReader(FileBatches(tmp_path))
+    reader.read(OPEN, ranges[0])
+    with SqliteJournal(tmp_path / "caesura-1.sqlite") as journal:
+        for seq in range(375, 750):
+            rows = sent[seq * 20 : (seq + 1) * 20]
+            batch = pack_samples(rows, TURNING_COLUMNS, session="s1", epoch=0, seq=seq)
+            journal.append(Record("cell-1", "s1", 3.0, batch))
+    live = [reader.read(OPEN, wanted) for wanted in ranges]
+    with SqliteJournal(tmp_path / "caesura-1.sqlite") as journal:
+        SampleReader(FileBatches(tmp_path, journal)).read(CLOSED, ranges[0])  # keeps its overview
+    again = SampleReader(FileBatches(tmp_path))
+    for wanted, before in zip(ranges, live, strict=True):
+        recorded = again.read(CLOSED, wanted)
+        assert recorded.first_orientation == before.first_orientation == tuple(sent[0, 7:].tolist())
+        assert all(
+            np.array_equal(unpack_points(recorded)[name], unpack_points(before)[name]) for name in ROTATION
+        )
+
+
+def test_an_overview_of_an_older_version_is_made_anew(tmp_path, monkeypatch):
+    written(tmp_path, turning(20.0), columns=TURNING_COLUMNS, closed=ended("motion", t=20.0))
+    wanted = SampleRange(0.0, 20.0, 10)
+    monkeypatch.setattr(overview, "VERSION", overview.VERSION - 1)
+    with SqliteJournal(tmp_path / "caesura-1.sqlite") as journal:
+        before = SampleReader(FileBatches(tmp_path, journal)).read(CLOSED, wanted)
+    monkeypatch.undo()
+    source, reads = FileBatches(tmp_path), []
+    pages = source.pages
+    source.pages = lambda *args: reads.append(args) or pages(*args)
+    assert SampleReader(source).read(CLOSED, wanted) == before
+    assert len(reads) == 1
+
+
+def test_a_session_without_orientation_has_no_rotations(tmp_path):
+    columns = (*COLUMNS, "qx", "qy", "qz")  # an incomplete quaternion is none
+    written(tmp_path, turning(5.0)[:, :10], columns=columns)
+    recorded = SampleReader(FileBatches(tmp_path)).read(CLOSED, SampleRange(0.0, 5.0, 10))
+    assert recorded.available == (*columns[1:], "speed")
+    assert recorded.first_orientation is None
+
+
+def test_a_quaternion_of_zeros_is_no_orientation(tmp_path):
+    sent = turning(5.0)
+    sent[:, 7:] = 0.0
+    written(tmp_path, sent, columns=TURNING_COLUMNS)
+    recorded = SampleReader(FileBatches(tmp_path)).read(CLOSED, SampleRange(0.0, 5.0, 10, ROTATION))
+    assert (recorded.counts, recorded.first_orientation) == ((0, 0, 0), None)
+
+
+def test_a_session_of_as_many_columns_as_there_may_be_is_answered(tmp_path):
+    sent = turning(1.0)
+    columns = (*TURNING_COLUMNS, *(f"c{number}" for number in range(MAX_COLUMNS - len(TURNING_COLUMNS))))
+    sent = np.hstack([sent, np.zeros((len(sent), MAX_COLUMNS - len(TURNING_COLUMNS)))])
+    written(tmp_path, sent, columns=columns)
+    recorded = SampleReader(FileBatches(tmp_path)).read(CLOSED, SampleRange(0.0, 1.0, 10))
+    assert recorded.available == (*columns[1:], "speed", *ROTATION)
 
 
 def test_batches_that_came_out_of_turn_are_read_in_order(tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -13,6 +12,7 @@ pytest.importorskip("playwright", reason="playwright is not installed (extra dev
 pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
 
 from playwright.sync_api import Locator, Page, expect
+from scipy.spatial.transform import Rotation
 
 from caesura_protocol.recording import Recording
 from dashboard.browser import DESK, PATIENCE_MS, Visitor, looks_right, needs_chromium, settled
@@ -27,7 +27,7 @@ T = 2.0  # [s] whose values are read
 JOINTS = 6  # of a UR: its panels were left out, because a Panda has seven
 PANELS = {
     "torque": ("torque", ("x", "y", "z"), 3),
-    "orientation": ("quat", ("x", "y", "z", "w"), 4),
+    "orientation": ("rotation", ("x", "y", "z"), 1),
     "joints": ("q", tuple(f"q{i + 1}" for i in range(JOINTS)), 3),
     "joint torques": ("tau", tuple(f"tau{i + 1}" for i in range(JOINTS)), 2),
     "gripper": ("gripper", ("",), 1),
@@ -37,6 +37,12 @@ SCROLLS = ".work:has(.u-wrap) { padding-right: 15px; }"
 # The widths [px] of the band, and of each panel below it.
 WIDTHS = """() => [".plots canvas.band", ".panels .u-wrap"].map((of) => [...document.querySelectorAll(of)])
   .map((found) => [...new Set(found.map((one) => one.getBoundingClientRect().width))])"""
+# The times of the points of the first line around each of its breaks, and of the break.
+BREAKS = """(name) => {
+  const [times, values] = document.querySelector(".plots").plots.plots.get(name).plot.data;
+  const at = (i, step) => { while (values[i] === undefined) i += step; return times[i]; };
+  return [...times].flatMap((t, i) => (values[i] === null ? [[at(i - 1, -1), t, at(i + 1, 1)]] : []));
+}"""
 SHOWN = "() => [...document.querySelectorAll('.panels .panel')].map((one) => one.dataset.signal)"
 
 
@@ -44,8 +50,9 @@ def with_every_signal() -> Recording:
     """A demonstration with all that a robot may send; each column has a course of its own."""
     taught = guided()
     t = taught.t[:, None]
-    half = 0.2 * np.sin(t[:, 0])
+    half = 1.8 * np.sin(t[:, 0])  # beyond a half turn, and with another sign in each third sample
     quat = np.column_stack([np.sin(half), 0 * half, 0 * half, np.cos(half)])
+    quat[::3] *= -1.0
     signals = {
         **taught.signals,
         "torque": 0.3 * np.sin(t + np.arange(3)),
@@ -55,6 +62,13 @@ def with_every_signal() -> Recording:
         "gripper": 0.02 + 0.02 * np.sin(0.5 * t),
     }
     return replace(taught, signals=signals)
+
+
+def drawn_signals() -> dict[str, np.ndarray]:
+    """What the panels draw of `with_every_signal`, as it is sent; lengths and angles in SI units."""
+    signals = with_every_signal().signals
+    there = Rotation.from_quat(signals["quat"])
+    return {**signals, "rotation": (there * there[0].inv()).as_rotvec()}
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +106,7 @@ def test_panels_are_as_wide_as_the_band_where_the_page_scrolls(stage: Stage, vis
 
 
 def test_panels_that_are_switched_on_draw_what_was_sent_and_read_it(stage: Stage, visitor: Visitor):
-    page, sent = opened(stage, visitor), with_every_signal()
+    page, sent, signals = opened(stage, visitor), with_every_signal(), drawn_signals()
     for name in PANELS:
         if name not in page.evaluate(SHOWN):
             switch(page, name)
@@ -103,25 +117,29 @@ def test_panels_that_are_switched_on_draw_what_was_sent_and_read_it(stage: Stage
         assert found["off"] == [0] * len(lines), "nothing is taken off"
         assert len(found["points"]) == len(lines)
         for k, points in enumerate(found["points"]):
-            samples = dict(zip(sent.t.tolist(), sent.signals[signal][:, k].tolist(), strict=True))
+            samples = dict(zip(sent.t.tolist(), signals[signal][:, k].tolist(), strict=True))
+            rounding = 1e-9 if signal == "rotation" else 0.0
             assert len(points) > 100
-            assert all(samples[t] == value for t, value in points), f"{name} {lines[k]}"
+            assert all(abs(samples[t] - value) <= rounding for t, value in points), f"{name} {lines[k]}"
+    jumps = np.flatnonzero(np.abs(np.diff(signals["rotation"][:, 0])) > np.pi)
+    breaks = page.evaluate(BREAKS, "orientation")
+    assert len(jumps) == len(breaks) > 0
+    for jump, (before, at, after) in zip(jumps, breaks, strict=True):
+        assert (before, after) == (sent.t[jump], sent.t[jump + 1]), "no line from one end to the other"
+        assert before < at < after
 
     x, _ = Operator.at(page, visitor).place(T)
     box = page.locator(".panels .u-over").first.bounding_box()
     assert box is not None
     page.mouse.move(x, box["y"] + box["height"] / 2)
     near = np.abs(sent.t - T) < 0.03
-    turns = panel_of(page, "orientation").locator(".turns").inner_text()
-    about_x, about_y, about_z = map(float, re.findall(r"-?\d+\.\d", turns))
-    turned = np.degrees(2.0 * np.arctan2(sent.signals["quat"][near, 0], sent.signals["quat"][near, 3]))
-    assert np.min(np.abs(turned - about_x)) <= 0.06, "in degrees, beside the quaternion"
-    assert (about_y, about_z) == (0.0, 0.0)
+    expect(panel_of(page, "orientation").locator("strong")).to_have_text("orientation from the start [°]")
     for name, (signal, lines, digits) in PANELS.items():
         values = [float(words) for words in panel_of(page, name).locator("output").all_inner_texts()]
-        scale = 1000.0 if name == "gripper" else 1.0
+        scale = {"gripper": 1000.0, "orientation": 180.0 / np.pi}.get(name, 1.0)
+        assert len(values) == len(lines)
         for k, value in enumerate(values):
-            off = np.min(np.abs(scale * sent.signals[signal][near, k] - value))
+            off = np.min(np.abs(scale * signals[signal][near, k] - value))
             assert off <= 0.51 * 10.0**-digits, f"{name} {lines[k]}"
         titles = panel_of(page, name).locator(".value").all_inner_texts()
         assert all(words.startswith(line) for words, line in zip(titles, lines, strict=True))

@@ -4,7 +4,7 @@ import { fontOf, Painter } from "caesura-dashboard/canvas.js";
 import { roundTicks } from "caesura-dashboard/clock.js";
 import { behind, before, missing } from "caesura-dashboard/marks.js";
 import { fixed } from "caesura-dashboard/numbers.js";
-import { aligned, nameOf, nearest, turnsOf } from "caesura-dashboard/signals.js";
+import { aligned, nameOf, nearest, wraps } from "caesura-dashboard/signals.js";
 
 export const LEFT = 64, RIGHT = 12; // beside the plots
 // [px] of a line; and of one with a point in every second pixel, whose strokes would cover each other. Without a
@@ -14,6 +14,7 @@ const PADDING = 6, HEIGHT = 160 + 2 * PADDING, AXIS = 24;
 const written = (panel, value) => value * (panel.factor || 1); // drawn as measured, written in the panel's unit
 const DASHES = [[], [7, 3], [2, 3], [9, 3, 2, 3], [], [7, 3], [2, 3], [9, 3, 2, 3]];
 const EMPTY = [[], []];
+const STEPS_DEG = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 45, 90, 180]; // between ticks
 
 export class Plots {
   // host: the element that holds them; state: the component, whose view and data are drawn; scales: those of its values
@@ -48,11 +49,9 @@ export class Plots {
     const words = title.appendChild(document.createElement("strong"));
     words.textContent = `${panel.title}${panel.unit ? ` [${panel.unit}]` : ""}`;
     const values = panel.columns.map((column, i) => this.value(title, panel, column, i));
-    const turns = panel.turns ? title.appendChild(document.createElement("span")) : null;
-    if (turns) turns.className = "turns";
     this.host.appendChild(box);
     const plot = new uPlot(this.options(panel, isLast), EMPTY, box);
-    const held = { plot, box, panel, values, turns, isFilled: false };
+    const held = { plot, box, panel, values, isFilled: false };
     return Object.assign(held, { painter: new Painter(box, () => this.paint(held)) });
   }
   value(title, panel, column, i) {
@@ -78,7 +77,10 @@ export class Plots {
           splits: (u, i, low, high, step) => roundTicks(this.state.start, low, high, step),
           values: (u, ticks) => ticks.map((t, i) => this.time(u, t, i ? "" : " s")),
         },
-        { ...axis, size: LEFT, gap: 4, space: 28, values: (u, ticks) => ticks.map((value) => `${+written(panel, value).toFixed(6)}`) },
+        {
+          ...axis, size: LEFT, gap: 4, space: 28, ...(panel.unit === "°" ? { splits: (u, i, low, high, step) => this.degrees(panel, low, high, step) } : {}),
+          values: (u, ticks) => ticks.map((value) => `${+written(panel, value).toFixed(6)}`),
+        },
       ],
       series: [{}, ...panel.columns.map((_, i) => ({
         stroke: line(i), width: STROKE, dash: DASHES[panel.columns.length === 1 ? 0 : i], points: { show: false }, spanGaps: false,
@@ -95,6 +97,9 @@ export class Plots {
     const words = `${+(t - this.state.start).toFixed(5)}${unit}`;
     u.ctx.font = fontOf();
     return u.valToPos(t, "x") + u.ctx.measureText(words).width / 2 > u.over.clientWidth + RIGHT ? "" : words;
+  }
+  degrees(panel, low, high, step) { // ticks at round angles; step: the least that leaves them room
+    return roundTicks(0, low, high, (STEPS_DEG.find((one) => one >= written(panel, step)) || 180) / panel.factor);
   }
   area(u) {
     const { left, top, width, height } = u.bbox;
@@ -116,7 +121,8 @@ export class Plots {
       return [steps.map(([t]) => t), steps.map(([, load]) => load)];
     }
     if (!data || !panel.columns.every((name) => data.points[name])) return [[], ...panel.columns.map(() => [])];
-    return aligned(data.points, panel.columns, data.holes, this.state.off(panel));
+    const holes = panel.wraps ? [...data.holes, ...wraps(data.points, panel.columns)] : data.holes;
+    return aligned(data.points, panel.columns, holes, this.state.off(panel));
   }
   paint(held) {
     if (!held.isFilled) held.plot.setData(this.content(held.panel), false);
@@ -140,11 +146,10 @@ export class Plots {
     const chosen = cursor !== null && cursor >= from && cursor <= to ? cursor : null; // of what is out of view nothing is known
     if (held) this.say(held, u.cursor.left >= 0 ? u.posToVal(u.cursor.left, "x") : chosen);
   }
-  say({ panel, values, turns }, t) {
+  say({ panel, values }, t) {
     const { data, segments, changepoints } = this.state;
     const off = this.state.off(panel);
     const [from, to] = this.state.view();
-    const read = [];
     panel.columns.forEach((column, i) => {
       let words = "";
       if (t !== null && panel.name === "load") {
@@ -156,13 +161,9 @@ export class Plots {
       } else if (t !== null) {
         const reach = Math.max(2 * (data ? data.bin_s : 0), (to - from) / 400);
         const found = data && nearest(data.points[column], t, data.holes, reach);
-        if (found) read.push(found[1]);
         words = found ? fixed(written(panel, found[1] - (off[i] || 0)), panel.digits) : "missing";
       }
       values[i].textContent = words;
     });
-    if (!turns) return;
-    const isWhole = read.length === panel.columns.length && read.some((value) => value !== 0);
-    turns.textContent = isWhole ? `turned about ${turnsOf(read).map((turn, i) => `${"xyz"[i]} ${fixed(turn, 1)}°`).join(", ")}` : "";
   }
 }

@@ -4,7 +4,7 @@ export const PANELS = [
   { name: "speed", title: "speed", unit: "mm/s", factor: 1000, columns: ["speed"], least: 0.05, zero: true, digits: 0 },
   { name: "force", title: "force", unit: "N", columns: ["fx", "fy", "fz"], least: 2, tared: true, digits: 2 },
   { name: "torque", title: "torque as measured", unit: "Nm", columns: ["mx", "my", "mz"], least: 0.2, digits: 3 },
-  { name: "orientation", title: "orientation", unit: "quaternion", columns: ["qx", "qy", "qz", "qw"], least: 0.1, digits: 4, turns: true },
+  { name: "orientation", title: "orientation from the start", unit: "°", factor: 180 / Math.PI, columns: ["rotation_x", "rotation_y", "rotation_z"], least: 0.1, wraps: true, digits: 1 },
   { name: "joints", title: "joints", unit: "rad", columns: ["q1", "q2", "q3", "q4", "q5", "q6", "q7", "q8"], anyOf: true, least: 0.1, digits: 3 },
   { name: "joint torques", title: "external joint torques", unit: "Nm", columns: ["tau1", "tau2", "tau3", "tau4", "tau5", "tau6", "tau7", "tau8"], anyOf: true, least: 1, digits: 2 },
   { name: "gripper", title: "gripper", unit: "mm", factor: 1000, columns: ["gripper"], least: 0.01, zero: true, digits: 1 },
@@ -19,20 +19,12 @@ export const ofGripper = (panel, greatest) => {
   return greatest === 1 ? { ...panel, unit: "1 closed", factor: 1, digits: 0 } : panel;
 };
 export const greatest = (points = []) => points.reduce((most, value, i) => (i % 2 ? Math.max(most, value) : most), 0);
-// The turns [°] about the base's x, then y, then z, of a quaternion: as `roll_pitch_yaw` of the protocol.
-export function turnsOf(quaternion) {
-  const size = Math.hypot(...quaternion), [x, y, z, w] = quaternion.map((value) => value / size);
-  const pitch = Math.asin(Math.min(1, Math.max(-1, 2 * (w * y - x * z))));
-  const across = [1 - 2 * (y * y + z * z), 2 * (x * y + w * z)];
-  const isLocked = Math.hypot(...across) < 1e-6;
-  const roll = isLocked ? Math.atan2(2 * (w * x - y * z), 1 - 2 * (x * x + z * z)) : Math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y));
-  return [roll, pitch, isLocked ? 0 : Math.atan2(across[1], across[0])].map((turn) => (180 / Math.PI) * turn);
-}
 export const SHOWN_AT_FIRST = ["position", "speed", "force", "joints"];
-const NAMES = { px: "x", py: "y", pz: "z", fx: "x", fy: "y", fz: "z", mx: "x", my: "y", mz: "z", qx: "x", qy: "y", qz: "z", qw: "w" };
+const NAMES = { px: "x", py: "y", pz: "z", fx: "x", fy: "y", fz: "z", mx: "x", my: "y", mz: "z", rotation_x: "x", rotation_y: "y", rotation_z: "z" };
 export const nameOf = (column) => NAMES[column] || column;
 const MAX_BINS = 4096;
 const RING = "dashboard"; // who answers for the newest minute of a station, in bins of one width
+const HALF_TURN_S = 0.25; // [s] no arm turns by half a turn within it
 const ROUNDING = 1e-6; // of a bin, as of `bins_of`
 const bin = (t, bin_s) => Math.floor(t / bin_s + ROUNDING);
 
@@ -108,6 +100,17 @@ export function aligned(points, columns, holes, off = []) {
     });
   });
   return [times, ...values];
+}
+
+// Where a rotation vector jumps from one end of a half turn to the other, as holes: no line is drawn across.
+export function wraps(points, columns) {
+  return columns.flatMap((name) => {
+    const own = points[name], found = [];
+    for (let i = 3; i < own.length; i += 2) {
+      if (Math.abs(own[i] - own[i - 2]) > Math.PI && own[i - 1] - own[i - 3] < HALF_TURN_S) found.push([own[i - 3], own[i - 1]]);
+    }
+    return found;
+  });
 }
 
 // The point of a column that is nearest to a time; null where that time lies in a hole or outside of the samples.

@@ -43,6 +43,9 @@ BREAKS = """(name) => {
   const at = (i, step) => { while (values[i] === undefined) i += step; return times[i]; };
   return [...times].flatMap((t, i) => (values[i] === null ? [[at(i - 1, -1), t, at(i + 1, 1)]] : []));
 }"""
+# [px] of the canvas: the widths at which its stroke is not drawn.
+CLIPPED = """(name) => document.querySelector(".plots").plots.plots.get(name).plot.series[1]._paths.gaps
+  .map(([from, to]) => to - from)"""
 SHOWN = "() => [...document.querySelectorAll('.panels .panel')].map((one) => one.dataset.signal)"
 
 
@@ -127,6 +130,9 @@ def test_panels_that_are_switched_on_draw_what_was_sent_and_read_it(stage: Stage
     for jump, (before, at, after) in zip(jumps, breaks, strict=True):
         assert (before, after) == (sent.t[jump], sent.t[jump + 1]), "no line from one end to the other"
         assert before < at < after
+    clipped = page.evaluate(CLIPPED, "orientation")
+    assert len(clipped) == len(jumps)
+    assert min(clipped) >= 2.0, "a stroke within one pixel was drawn, from 180 to -180 degrees"
 
     x, _ = Operator.at(page, visitor).place(T)
     box = page.locator(".panels .u-over").first.bounding_box()

@@ -14,7 +14,25 @@ const PADDING = 6, HEIGHT = 160 + 2 * PADDING, AXIS = 24;
 const written = (panel, value) => value * (panel.factor || 1); // drawn as measured, written in the panel's unit
 const DASHES = [[], [7, 3], [2, 3], [9, 3, 2, 3], [], [7, 3], [2, 3], [9, 3, 2, 3]];
 const EMPTY = [[], []];
-const STEPS_DEG = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 45, 90, 180]; // between ticks
+const TICK_SPACE = 28; // [px] between ticks, at least
+const STEPS_DEG = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 45, 90, 180];
+
+// Ticks at round angles.
+function degrees(u, panel, low, high) {
+  const least = written(panel, (high - low) * TICK_SPACE) / (u.bbox.height / devicePixelRatio);
+  return roundTicks(0, low, high, (STEPS_DEG.find((one) => one >= least) || 180) / panel.factor);
+}
+
+// Gaps [from, to] of a line that jumps within a pixel: so wide that its stroke there is not drawn. Where jumps crowd, as
+// of noise at a half turn, they are drawn: else nothing would be.
+function widened(gaps) {
+  const half = STROKE * devicePixelRatio;
+  return gaps.flatMap(([from, to], i) => {
+    if (to - from > 4 * half) return [[from, to]];
+    const before = i ? gaps[i - 1][1] : -Infinity, after = i + 1 < gaps.length ? gaps[i + 1][0] : Infinity;
+    return Math.min(from - before, after - to) < 8 * half ? [] : [[from - half, to + half]];
+  });
+}
 
 export class Plots {
   // host: the element that holds them; state: the component, whose view and data are drawn; scales: those of its values
@@ -78,12 +96,13 @@ export class Plots {
           values: (u, ticks) => ticks.map((t, i) => this.time(u, t, i ? "" : " s")),
         },
         {
-          ...axis, size: LEFT, gap: 4, space: 28, ...(panel.unit === "°" ? { splits: (u, i, low, high, step) => this.degrees(panel, low, high, step) } : {}),
+          ...axis, size: LEFT, gap: 4, space: TICK_SPACE, ...(panel.unit === "°" ? { splits: (u, i, low, high) => degrees(u, panel, low, high) } : {}),
           values: (u, ticks) => ticks.map((value) => `${+written(panel, value).toFixed(6)}`),
         },
       ],
       series: [{}, ...panel.columns.map((_, i) => ({
         stroke: line(i), width: STROKE, dash: DASHES[panel.columns.length === 1 ? 0 : i], points: { show: false }, spanGaps: false,
+        ...(panel.wraps ? { gaps: (u, k, first, last, gaps) => widened(gaps) } : {}),
         ...(panel.name === "changepoints" ? { paths: uPlot.paths.bars({ size: [0.001, 3, 3] }), fill: line(i) } : {}),
       }))],
       hooks: {
@@ -97,9 +116,6 @@ export class Plots {
     const words = `${+(t - this.state.start).toFixed(5)}${unit}`;
     u.ctx.font = fontOf();
     return u.valToPos(t, "x") + u.ctx.measureText(words).width / 2 > u.over.clientWidth + RIGHT ? "" : words;
-  }
-  degrees(panel, low, high, step) { // ticks at round angles; step: the least that leaves them room
-    return roundTicks(0, low, high, (STEPS_DEG.find((one) => one >= written(panel, step)) || 180) / panel.factor);
   }
   area(u) {
     const { left, top, width, height } = u.bbox;

@@ -128,8 +128,9 @@ def _speed(t: Array, where: Array) -> Array:
     first = np.minimum(np.searchsorted(t, t - 2 * SPEED_WINDOW_S, side="right"), middle - 1)
     valid = (middle >= 1) & (t - 2 * SPEED_WINDOW_S >= t[0])
     middle, first = np.maximum(middle, 1), np.maximum(first, 0)
-    newer = (sums[here + 1] - sums[middle]) / np.maximum(here + 1 - middle, 1)[:, None]
-    older = (sums[middle] - sums[first]) / np.maximum(middle - first, 1)[:, None]
+    up_to_middle = sums[middle]
+    newer = (sums[1:] - up_to_middle) / np.maximum(here + 1 - middle, 1)[:, None]
+    older = (up_to_middle - sums[first]) / np.maximum(middle - first, 1)[:, None]
     moved = newer - older
     with np.errstate(invalid="ignore", divide="ignore"):
         speed: Array = np.linalg.norm(moved[:, 1:], axis=1) / moved[:, 0]

@@ -57,7 +57,7 @@ def rotation_vectors(quaternions: Array, start: Sequence[float]) -> Array:
 
     Each is at most π long; NaN for a quaternion of length 0. A row has the same bits among any other rows.
     """
-    x, y, z, w = quaternions.T
+    x, y, z, w = np.ascontiguousarray(quaternions.T)
     a, b, c, d = _unit(start).tolist()
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         turned = np.stack(  # the quaternion times the conjugate of start

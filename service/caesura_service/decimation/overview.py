@@ -11,9 +11,9 @@ from bisect import bisect_right
 from io import BytesIO
 from struct import unpack_from
 from typing import NamedTuple
-from zipfile import BadZipFile
 
 import numpy as np
+from numpy.lib.format import read_array, write_array
 from numpy.typing import NDArray
 
 from caesura_protocol.derived_columns import DerivedColumns, drawn_columns
@@ -142,31 +142,32 @@ class SessionOverview:
 
     def as_bytes(self) -> bytes:
         """Return the overview as bytes, to be stored with a closed session."""
-        fields = {name: getattr(self, name) for name in KEPT} | {"version": VERSION}
+        fields = {name: getattr(self, name) for name in KEPT}
         fields |= {"holes": [hole.model_dump() for hole in self.holes], "identity": self._identity()}
         fields |= {"first_orientation": self.first_orientation}
-        header = np.frombuffer(json.dumps(fields).encode(), np.uint8)
-        content = BytesIO()
-        np.savez(content, header=header, pages=np.array(self.pages), **self.extremes()._asdict())
+        content = BytesIO()  # without the checksums of an npz: the journal has its own
+        content.writelines([_title(), json.dumps(fields).encode(), b"\n"])
+        for array in (np.array(self.pages), *self.extremes()):
+            write_array(content, array, allow_pickle=False)
         return content.getvalue()
 
     @classmethod
     def restored(cls, key: Key, extent: SessionExtent, content: bytes) -> SessionOverview | None:
         """Return the overview that `as_bytes` made of the same copy; None for another copy or version."""
-        overview = cls(key, extent)
+        overview, kept = cls(key, extent), BytesIO(content)
         try:
-            with np.load(BytesIO(content), allow_pickle=False) as kept:
-                fields = json.loads(kept["header"].tobytes())
-                if (fields.pop("version"), fields.pop("identity")) != (VERSION, overview._identity()):
-                    return None
-                if (turned_from := fields.pop("first_orientation")) is not None:
-                    overview._derived = DerivedColumns(extent.opening.columns, tuple(turned_from))
-                overview.holes = [Gap.model_validate(hole) for hole in fields.pop("holes")]
-                overview.pages = [
-                    PageTimes(t0, tn, int(first), int(last)) for t0, tn, first, last in kept["pages"].tolist()
-                ]
-                overview._parts = [Extremes(*(kept[name] for name in Extremes._fields))]
-        except (ValueError, KeyError, OSError, BadZipFile):
+            if kept.readline() != _title():
+                return None
+            fields = json.loads(kept.readline())
+            if fields.pop("identity") != overview._identity():
+                return None
+            if (turned_from := fields.pop("first_orientation")) is not None:
+                overview._derived = DerivedColumns(extent.opening.columns, tuple(turned_from))
+            overview.holes = [Gap.model_validate(hole) for hole in fields.pop("holes")]
+            pages = read_array(kept, allow_pickle=False).tolist()
+            overview.pages = [PageTimes(t0, tn, int(first), int(last)) for t0, tn, first, last in pages]
+            overview._parts = [Extremes(*(read_array(kept, allow_pickle=False) for _ in Extremes._fields))]
+        except (ValueError, KeyError, OSError):
             return None
         for name in KEPT:
             setattr(overview, name, fields[name])
@@ -180,6 +181,11 @@ class SessionOverview:
     def places(self, t0: float, tn: float) -> list[PageTimes]:
         """Return the pages that may have samples from t0 to tn [s]."""
         return [page for page in self.pages if page.t0 <= tn and page.tn >= t0]
+
+
+def _title() -> bytes:
+    """Return the first line of a stored overview; no version takes that of another for its own."""
+    return f"caesura overview {VERSION}\n".encode()
 
 
 def batch_times(batch: BatchRow) -> tuple[float, float]:

@@ -18,9 +18,9 @@ from caesura_protocol.keys import MAX_BINS, SampleRange
 from caesura_protocol.messages import MAX_HOLES, Gap, RecordedSamples
 from caesura_protocol.minmax_decimation import (
     Extremes,
-    between,
     bins_of,
     coarser,
+    columns_between,
     extremes_of,
     joined,
     nothing,
@@ -69,8 +69,9 @@ class SampleReader:
         if not is_complete:
             return None
         columns = chosen_columns(wanted.columns, overview.columns)
-        bin_s, extremes = self._extremes(overview, wanted)
-        points = [points_of(extremes, overview.columns.index(name)) for name in columns]
+        places = [overview.columns.index(name) for name in columns]
+        bin_s, extremes = self._extremes(overview, wanted, places)
+        points = [points_of(extremes, place) for place in range(len(places))]
         holes, more = _listed(overview.holes, wanted)
         return RecordedSamples(
             station=owned.station,
@@ -151,19 +152,24 @@ class SampleReader:
     def _bytes(self) -> int:
         return sum(one.nbytes for one in self._overviews.values())
 
-    def _extremes(self, overview: SessionOverview, wanted: SampleRange) -> tuple[float, Extremes]:
-        """Return the width [s] and the extremes of the bins that a range touches."""
+    def _extremes(
+        self, overview: SessionOverview, wanted: SampleRange, places: list[int]
+    ) -> tuple[float, Extremes]:
+        """Return the width [s] and the extremes of the bins that a range touches, of some columns."""
         bin_s = (wanted.tn - wanted.t0) / wanted.bins
-        if bin_s < overview.bin_s and (fresh := self._fresh(overview, wanted, bin_s)) is not None:
+        if bin_s < overview.bin_s and (fresh := self._fresh(overview, wanted, bin_s, places)) is not None:
             return bin_s, fresh
         if not overview.bin_s:
-            return bin_s, overview.extremes()
+            return bin_s, nothing(len(places))
         every = int(np.ceil(bin_s / overview.bin_s * (1 - 1e-9)))
         first, last = bins_of(np.array([wanted.t0, wanted.tn]), overview.bin_s).tolist()
-        some = between(overview.extremes(), first // every * every, (last // every + 1) * every - 1)
+        begin, end = first // every * every, (last // every + 1) * every - 1
+        some = columns_between(overview.extremes(), begin, end, places)
         return every * overview.bin_s, coarser(some, every)
 
-    def _fresh(self, overview: SessionOverview, wanted: SampleRange, bin_s: float) -> Extremes | None:
+    def _fresh(
+        self, overview: SessionOverview, wanted: SampleRange, bin_s: float, places: list[int]
+    ) -> Extremes | None:
         """Return the extremes of the bins that a range touches, computed from the samples themselves.
 
         Returns None for more than MOST_SAMPLES: a session may begin with few samples a second, for which its
@@ -188,8 +194,8 @@ class SampleReader:
             values, index = derived.beside(run), bins_of(run.t, bin_s)
             inside = slice(*np.searchsorted(index, (first, last + 1)))
             if inside.start < inside.stop:
-                parts.append(extremes_of(index[inside], run.t[inside], values[inside]))
-        return joined(parts) if parts else nothing(len(overview.columns))
+                parts.append(extremes_of(index[inside], run.t[inside], values[inside, places]))
+        return joined(parts) if parts else nothing(len(places))
 
 
 def _listed(holes: list[Gap], wanted: SampleRange) -> tuple[tuple[Gap, ...], int]:

@@ -71,7 +71,14 @@ def first_finding(
 
 def _unseen(text: str, pattern: str) -> str:
     """Return the invisible characters of a text that a pattern refuses, by their code points and names."""
-    refused = (one for one in dict.fromkeys(text) if not one.isprintable() and not re.search(pattern, one))
+    unseen = [one for one in dict.fromkeys(text) if not one.isprintable()]
+    # Each without the others: a joiner is refused by its place, which all that is seen states.
+    refused = [one for one in unseen if not re.fullmatch(pattern, _with_alone(text, one))] or unseen
     return ", ".join(
         f"U+{ord(one):04X} ({unicodedata.name(one, 'control character').lower()})" for one in refused
     )
+
+
+def _with_alone(text: str, unseen: str) -> str:
+    """Return a text with one of its invisible characters, and without the others."""
+    return "".join(one for one in text if one.isprintable() or one == unseen)

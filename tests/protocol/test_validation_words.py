@@ -3,7 +3,7 @@
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from caesura_protocol.messages import Author, Name
+from caesura_protocol.messages import Author, Name, as_line
 from caesura_protocol.validation_words import first_finding
 
 
@@ -15,9 +15,13 @@ class Named(BaseModel):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        # A Persian name and an emoji were refused with a regular expression over code points.
+        (  # a joiner counts by its place: only one of these two is in a word that needs it
+            {"author": "علی\u200cرضا\u202e"},
+            "without what cannot be seen: leave out U+202E (right-to-left override)",
+        ),
+        ({"author": "pi\u200dck"}, "leave out U+200D (zero width joiner)"),
         (
-            {"author": "علی\u200cرضا 👩\u200d👧"},
+            {"author": "علی\u200c\u200dرضا"},
             "leave out U+200C (zero width non-joiner), U+200D (zero width joiner)",
         ),
         (
@@ -35,3 +39,31 @@ def test_what_cannot_be_seen_is_named(given: dict[str, str], said: str) -> None:
     with pytest.raises(ValidationError) as refused:
         Named.model_validate(given)
     assert first_finding(refused.value).endswith(said)
+
+
+# They were refused. The last ones are Malayalam and Sinhala, and a Persian plural of a Latin word.
+@pytest.mark.parametrize(
+    "name",
+    [
+        "علی\u200cرضا",
+        "👩🏽\u200d🔧 Ann",
+        "👨\u200d👩\u200d👧",
+        "🏳\ufe0f\u200d🌈",
+        "അവന\u0d4d\u200d",
+        "ක\u0dca\u200dර",
+        "USB\u200cها",
+    ],
+)
+def test_a_name_may_have_joiners_where_its_script_needs_them(name: str) -> None:
+    assert Named(author=name).author == name
+    assert as_line(name) == name
+
+
+@pytest.mark.parametrize("name", ["pick\u200d", "\u200dpick", "\u200c", "a \u200cb", "é\u200d", "\u200dعلی"])
+def test_a_joiner_that_only_makes_equal_names_differ_is_refused(name: str) -> None:
+    with pytest.raises(ValidationError):
+        Named(author=name)
+
+
+def test_a_text_becomes_a_line_with_a_space_for_each_character_that_is_refused() -> None:
+    assert as_line("علی\u200cرضا\u202e\npi\u200dck") == "علی\u200cرضا  pi ck"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Literal, TypeVar, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Field
@@ -70,8 +71,12 @@ Newtons = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 ForceLimit = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]  # [N]
 Tolerance = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]  # [m] or [rad]
 MAX_TAG = 64  # characters of the `do` of an action
-UNPRINTABLE = r"\u0000-\u001f\u007f-\u009f\u00ad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
-LINE = f"^[^{UNPRINTABLE}]+$"
+_UNSEEN = r"\u0000-\u001f\u007f-\u009f\u00ad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
+# A joiner (U+200C, U+200D) belongs to words of Persian and Indic scripts, and to emoji of several people. It
+# stands after a character that is seen, beside one from U+0600 on. Elsewhere two names would differ unseen.
+_JOINING = rf"[^\u0000-\u05ff{_UNSEEN}]"
+SEEN = rf"[!-~][\u200c\u200d]{_JOINING}[\u200c\u200d]?|{_JOINING}[\u200c\u200d]|[^{_UNSEEN}]"
+LINE = f"^({SEEN})+$"
 Author = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]
 TaskName = Annotated[str, Field(min_length=1, max_length=120, pattern=LINE)]
 Note = Annotated[str, Field(min_length=1, max_length=1000, pattern=LINE)]
@@ -111,3 +116,8 @@ def _with_short_tag(value: Any) -> Any:
 
 
 ShortTag = BeforeValidator(_with_short_tag)  # of an action within a result, which may be long
+
+
+def as_line(text: str) -> str:
+    """Return a text with a space in place of each character that LINE refuses."""
+    return re.sub(rf"({SEEN})|[\s\S]", lambda one: one[1] or " ", text)

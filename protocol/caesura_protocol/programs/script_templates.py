@@ -13,7 +13,7 @@ from typing import Any
 
 from caesura_protocol.app_contacts import ends_in_contact
 from caesura_protocol.app_kinds import APP_KINDS, name_of_app
-from caesura_protocol.messages import UNPRINTABLE, App
+from caesura_protocol.messages import App, as_line
 from caesura_protocol.programs.apps_by_phase import groups_by_first
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.contact_forces import friction_of
@@ -130,7 +130,7 @@ def one_line(text: str) -> str:
 
     Text after a line break would be code, and Python refuses a source with a NUL.
     """
-    return " ".join(re.sub(f"[{UNPRINTABLE}]", " ", text).split())
+    return " ".join(as_line(text).split())
 
 
 def filled_template(name: str, texts: Mapping[str, str]) -> str:

@@ -6,7 +6,6 @@ be undamaged. After a start the journal checks the results of all closed session
 
 from __future__ import annotations
 
-import re
 import threading
 import time
 from collections.abc import Generator, Iterable, Iterator, Set
@@ -15,12 +14,11 @@ from heapq import nlargest
 from typing import NamedTuple
 
 from caesura_protocol.keys import is_name
-from caesura_protocol.messages import MAX_DAMAGED, MAX_STATUS_TEXT, UNPRINTABLE, DamagedSession
+from caesura_protocol.messages import MAX_DAMAGED, MAX_STATUS_TEXT, DamagedSession, as_line
 from caesura_service.journal.journal import JournalError, Key
 
 CHECK_SHARE = 0.2  # of the time of its thread that a check reads
 NOT_STORED = "its results were not stored before the service ended"
-_UNPRINTABLE = re.compile(f"[{UNPRINTABLE}]+")
 
 
 class DamageReport(NamedTuple):
@@ -98,4 +96,4 @@ def beside(steps: Generator[None, None, None], name: str) -> Iterator[None]:
 
 
 def _printable(why: str) -> str:
-    return _UNPRINTABLE.sub(" ", why)[:MAX_STATUS_TEXT] or "damaged"
+    return as_line(why)[:MAX_STATUS_TEXT] or "damaged"

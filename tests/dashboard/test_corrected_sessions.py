@@ -275,6 +275,7 @@ def test_all_corrections_are_listed_and_any_of_them_is_undone(stage: Stage, visi
         page.keyboard.press("Enter")
         expect(listed.locator(".message")).to_contain_text("Correction 2 is taken back")
         expect(rows.nth(1)).to_contain_text("undone")
+        expect(rows.nth(2).get_by_role("button", name="Undo"), "its button is gone").to_be_focused()
         kept = [
             one.t for one in caesura.snapshot("cell-list", "over").changepoints.changepoints if one.corrected
         ]
@@ -624,6 +625,11 @@ def test_the_first_edit_of_a_program_asks_for_a_name(stage: Stage, visitor: Visi
     page.get_by_label("Program name").press("Enter")
     expect(page.get_by_label("Your name")).to_be_focused()
     assert visitor.barriers(within=".who-edits") == []
+    page.keyboard.press("Escape")
+    expect(page.get_by_label("Program name"), "it has asked for the name").to_be_focused()
+    page.keyboard.press("End")
+    page.keyboard.type("!")
+    page.keyboard.press("Enter")
     page.keyboard.type("Ann")
     page.keyboard.press("Enter")
     expect(page.locator(".edits summary")).to_contain_text("Edits: 1")

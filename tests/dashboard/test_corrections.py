@@ -201,6 +201,11 @@ def test_everything_goes_without_a_mouse(operator: Operator):
     operator.page.get_by_label("Time [s]").fill(str(T))
     keyboard.press("Escape")
     expect(operator.plot).to_be_focused()
+    correct = operator.page.get_by_role("button", name="Correct …")
+    correct.press("Enter")
+    keyboard.press("Escape")
+    expect(correct, "it has opened the menu").to_be_focused()
+    operator.plot.focus()
     keyboard.press("Enter")
     operator.wire.until(lambda: operator.wire.corrected() == [pytest.approx(T, abs=NEAR_S)])
 
@@ -222,7 +227,7 @@ def test_everything_goes_without_a_mouse(operator: Operator):
     keyboard.press("Shift+ArrowRight")
     keyboard.press("ArrowLeft")
     keyboard.press("Escape")
-    for key in ("Delete", "m"):
+    for key in ("Delete", "m", "M"):  # the help has capital letters
         keyboard.press(key)
         operator.is_shown("No changepoint is selected: Page ↑ and Page ↓ select one.")
     keyboard.press("Control+z")
@@ -261,6 +266,10 @@ def test_a_name_is_asked_for_at_the_first_correction_which_then_is_made(operator
     operator.plot.focus()
     operator.page.keyboard.press("Enter")
     name = operator.page.get_by_label("Your name")
+    expect(name).to_be_focused()
+    operator.page.keyboard.press("Escape")
+    expect(operator.plot, "the keys went nowhere").to_be_focused()
+    operator.page.keyboard.press("Enter")
     expect(name).to_be_focused()
     assert operator.wire.corrected() == []
     name.fill("Bea")

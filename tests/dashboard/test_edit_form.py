@@ -160,10 +160,12 @@ def test_an_app_runs_earlier_and_later_and_edits_are_undone_and_made_again(desk:
     assert order(desk.program) == last_first
     expect(page.locator(".app h3")).to_contain_text(["move to contact", "move", "apply force"])
     expect(page.get_by_role("button", name="Run app 3 later")).to_be_disabled()
+    expect(page.get_by_role("button", name="Run app 3 later"), "it kept the focus").to_be_focused()
 
     undo.press("Enter")
     expect(redo).to_be_visible()
     expect(undo).to_be_hidden()
+    expect(redo, "what follows has the focus").to_be_focused()
     assert order(desk.program) == taught
     redo.press("Enter")
     expect(undo).to_be_visible()
@@ -172,9 +174,13 @@ def test_an_app_runs_earlier_and_later_and_edits_are_undone_and_made_again(desk:
     page.get_by_role("button", name="Run app 3 earlier").press("Enter")
     expect(page.locator(".app h3")).to_contain_text(["move to contact", "apply force", "move"])
     assert order(desk.program) == taught
-    page.get_by_role("button", name="Run app 2 earlier").press("Enter")
+    expect(page.get_by_role("button", name="Run app 2 earlier"), "its card was moved").to_be_focused()
+    page.keyboard.press("Enter")
     expect(page.get_by_role("button", name="Run app 1 earlier")).to_be_disabled()
     assert order(desk.program) == [taught[1], taught[0], taught[2]]
+    page.get_by_role("button", name="Delete app 1").press("Enter")
+    expect(page.locator(".app")).to_have_count(2)
+    expect(page.get_by_label("Edit app 1"), "the app that has taken its place").to_be_focused()
 
 
 def new_app(card: Locator, kind: str) -> Locator:

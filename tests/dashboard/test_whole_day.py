@@ -119,6 +119,7 @@ def teach(stage: Stage, visitor: Visitor) -> str:
     desk.locator(".task").press("Enter")
     expect(desk).to_contain_text("Teaching")
     expect(start).to_be_disabled()
+    expect(desk.get_by_role("status").first, "its seconds are not announced").to_have_text("Teaching")
     expect(desk).to_contain_text("Stop ends this demonstration; then the next one can start.")
     expect(page.get_by_text("move to contact").first).to_be_visible()
     looks_right(visitor, "day-teaching")
@@ -129,6 +130,7 @@ def teach(stage: Stage, visitor: Visitor) -> str:
     stop.focus()
     page.keyboard.press("Enter")
     expect(desk).to_contain_text("Ready")
+    expect(stop, "the keys went nowhere").to_be_focused()
     session = session_of(page)
     describe(stage, visitor, session)
     return session

@@ -8,7 +8,7 @@ export default {
   template: `
     <div class="conflict" role="group" aria-label="Changed by another operator">
       <p role="alert">{{ words }}</p>
-      <div class="row"><button type="button" class="save-anyway" :disabled="busy" @click="$emit('anyway')">{{ isMet ? "Save anyway" : "Try again" }}</button>
-        <button type="button" class="take-new" :disabled="busy" @click="$emit('new-value')">{{ isMet ? "Take the new value" : "Give up" }}</button></div>
+      <div class="row"><button type="button" class="save-anyway" :aria-disabled="busy" @click="$emit('anyway')">{{ isMet ? "Save anyway" : "Try again" }}</button>
+        <button type="button" class="take-new" :aria-disabled="busy" @click="$emit('new-value')">{{ isMet ? "Take the new value" : "Give up" }}</button></div>
     </div>`,
 };

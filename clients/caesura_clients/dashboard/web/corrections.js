@@ -18,7 +18,7 @@ export default {
           <span class="number">{{ number }}</span><span class="words">{{ words }}<span v-if="reason" class="reason">. Not applied: {{ reason }}</span></span>
           <time :datetime="date(at).toISOString()">{{ dayAndTime(at) }}</time>
           <span v-if="state === 'undone'" class="state">undone</span>
-          <button v-else-if="editable" class="take-back" :disabled="busy" :aria-label="'Undo correction ' + number + ': ' + words"
+          <button v-else-if="editable" class="take-back" :aria-disabled="busy" :aria-label="'Undo correction ' + number + ': ' + words"
             title="Take this correction back; the others stay" v-on="pointing(number)"
             @click="$emit('edit', { do: 'take_back', number })">Undo</button>
         </li>

@@ -3,7 +3,8 @@ export const keyboard = {
   methods: {
     key(event) {
       const command = event.ctrlKey || event.metaKey;
-      const name = command ? `ctrl+${event.shiftKey ? "shift+" : ""}${event.key.toLowerCase()}` : event.key;
+      const pressed = event.key.length === 1 ? event.key.toLowerCase() : event.key; // M is also m, as with Caps Lock
+      const name = command ? `ctrl+${event.shiftKey ? "shift+" : ""}${pressed}` : pressed;
       const step = event.shiftKey ? 1 : 0.1;
       const actions = {
         ArrowLeft: () => this.step(-step),

@@ -1,6 +1,8 @@
 // The common part of every component: it receives payloads, acknowledges them, and states what it is ready for.
 // `offline`: the page is not connected to the dashboard, so what it shows is old. NiceGUI shows its popup meanwhile,
 // but only where a connection is lost: a page may also have had none at all.
+import "caesura-dashboard/focus.js";
+
 const CONNECTS_MS = 10000;
 
 export const live = {

@@ -24,7 +24,7 @@ export default {
         <label v-if="states('gripper_width')">Gripper width [mm]
           <input class="new-gripper_width" type="number" step="any" min="0" v-model.number="fresh.gripper_width"></label>
         <label v-if="states('seconds')">Duration [s] <input class="new-seconds" type="number" step="any" v-model.number="fresh.seconds" required></label>
-        <div class="row"><button class="insert-app" :disabled="busy" :aria-label="previous ? 'Insert after app ' + previous.number : 'Insert as the first app'">Insert</button></div>
+        <div class="row"><button class="insert-app" :aria-disabled="busy" :aria-label="previous ? 'Insert after app ' + previous.number : 'Insert as the first app'">Insert</button></div>
       </template>
     </form>`,
   computed: {

@@ -1,6 +1,7 @@
 import { storeAuthor, storedAuthor } from "caesura-dashboard/author.js";
 import { changes } from "caesura-dashboard/clicks.js";
 import Conflict from "caesura-dashboard/conflict.js";
+import { giveBack } from "caesura-dashboard/focus.js";
 import { live } from "caesura-dashboard/live.js";
 import { dayAndTime } from "caesura-dashboard/numbers.js";
 import NewApp from "caesura-dashboard/new_app.js";
@@ -33,23 +34,23 @@ export default {
     <div class="program">
     <section class="program-column" aria-labelledby="program-title">
       <staying v-if="program" class="program-said" :class="{ failed }" :lines="0" upon>{{ message }}</staying>
-      <h2 id="program-title">Program <small v-if="program">{{ program.name }} version <span class="version">{{ program.version }}</span>{{
+      <h2 id="program-title" ref="title" tabindex="-1">Program <small v-if="program">{{ program.name }} version <span class="version">{{ program.version }}</span>{{
         program.complete ? ", complete" : ", being taught" }}{{ edited }}</small></h2>
       <div v-if="program" class="program-tools">
         <template v-if="editable">
           <label>Program name <input class="program-name" v-model="name" maxlength="120" placeholder="unnamed" autocomplete="off"
             @change="rename"></label>
           <conflict v-if="nameConflict" :words="nameConflict.words" :busy="busy" @anyway="renameAnyway" @new-value="takeNewName"></conflict>
-          <button v-show="program.undoable" class="undo-edit repeats" :disabled="busy" @click="say({ do: 'undo' })">Undo edit</button>
-          <button v-show="program.redoable" class="redo-edit repeats" :disabled="busy" @click="say({ do: 'redo' })">Redo edit</button>
+          <button v-show="program.undoable" class="undo-edit repeats" :aria-disabled="busy" @click="say({ do: 'undo' })">Undo edit</button>
+          <button v-show="program.redoable" class="redo-edit repeats" :aria-disabled="busy" @click="say({ do: 'redo' })">Redo edit</button>
         </template>
         <label v-if="program.grippers.length">Gripper <select class="gripper" v-model="gripper"><option value="">not stated</option>
           <option v-for="[one, title] in program.grippers" :key="one" :value="one">{{ title }}</option></select></label>
         <span v-if="program.apps.length" class="exports">Export <a v-for="[title, href] in program.exports" :key="href" :href="exported(href)">{{ title }}</a>
           <a v-if="program.dataset" class="dataset" :href="program.dataset">LeRobot dataset</a></span>
-        <form v-if="asked" class="who-edits" aria-label="Who edits" @submit.prevent="sign" @keydown.esc.stop="asked = null">
+        <form v-if="asked" class="who-edits" aria-label="Who edits" @submit.prevent="sign" @keydown.esc.stop="leaveName">
           <label>Your name <input ref="author" class="author" v-model="draft" maxlength="64" autocomplete="name" required></label>
-          <button class="save-name">Save</button> <button type="button" @click="asked = null">Cancel</button></form>
+          <button class="save-name">Save</button> <button type="button" @click="leaveName">Cancel</button></form>
       </div>
       <div v-if="program" class="unfolded">
       <details v-if="program.notes.length" class="program-notes"><summary>Notes: {{ program.notes.length }}</summary>
@@ -205,13 +206,18 @@ export default {
     },
     askName(action) { // of who edits, at the first edit; then it is made
       Object.assign(this, { asked: action, draft: "" });
+      this.opener = document.activeElement;
       this.$nextTick(() => this.$refs.author.focus());
+    },
+    leaveName() {
+      this.asked = null;
+      this.$nextTick(() => giveBack(this.opener, this.$refs.title));
     },
     sign() {
       const [action, name] = [this.asked, this.draft.trim()];
       if (!name) return;
       storeAuthor(name);
-      this.asked = null;
+      this.leaveName();
       this.say(...action);
     },
     answered(message, failed, found = null, refusedAt = null) { // found: what another operator has set meanwhile; the form states it

@@ -36,15 +36,15 @@ export default {
         <label v-if="app.target">Name of the position <input class="app-target_name" v-model="draft.target_name" maxlength="64" autocomplete="off"></label>
         <label v-for="[name, field] in numbers" :key="name">{{ field.label }}
           <input :class="'app-' + name" type="number" step="any" :min="field.min" :max="field.max" v-model.number="draft[name]"></label>
-        <div class="row"><button class="save" :disabled="busy || !changed">Save</button>
-          <button type="button" class="as-taught" :disabled="busy || !app.set.length" @click="asTaught">As taught</button></div>
+        <div class="row"><button class="save" :aria-disabled="Boolean(busy || !changed)">Save</button>
+          <button type="button" class="as-taught" :aria-disabled="Boolean(busy || !app.set.length)" @click="asTaught">As taught</button></div>
         <conflict v-if="conflict" :words="conflict.words" :busy="busy" @anyway="saveAnyway" @new-value="takeNew"></conflict>
       </form>
       <div v-if="open" class="row" role="group" :aria-label="'Place of app ' + app.number">
-        <button class="repeats" :disabled="busy || !app.earlier" :aria-label="'Run app ' + app.number + ' earlier'" @click="move(app.earlier)">◀</button>
-        <button class="repeats" :disabled="busy || !app.later" :aria-label="'Run app ' + app.number + ' later'" @click="move(app.later)">▶</button>
-        <button class="duplicate" :disabled="busy" :aria-label="'Duplicate app ' + app.number" @click="say({ do: 'duplicate', app: app.reference })">Duplicate</button>
-        <button class="delete" :disabled="busy" :aria-label="'Delete app ' + app.number" @click="say({ do: 'delete', app: app.reference })">Delete</button>
+        <button class="repeats" :aria-disabled="Boolean(busy || !app.earlier)" :aria-label="'Run app ' + app.number + ' earlier'" @click="move(app.earlier)">◀</button>
+        <button class="repeats" :aria-disabled="Boolean(busy || !app.later)" :aria-label="'Run app ' + app.number + ' later'" @click="move(app.later)">▶</button>
+        <button class="duplicate" :aria-disabled="busy" :aria-label="'Duplicate app ' + app.number" @click="say({ do: 'duplicate', app: app.reference })">Duplicate</button>
+        <button class="delete" :aria-disabled="busy" :aria-label="'Delete app ' + app.number" @click="say({ do: 'delete', app: app.reference })">Delete</button>
       </div>
       <new-app v-if="open" :previous="app" :near="app" :kinds="kinds" :busy="busy" @edit="say"></new-app>
       <fieldset v-if="open" class="again"><legend>Teach again</legend>
@@ -54,7 +54,7 @@ export default {
             <option v-for="one in following" :key="one.number" :value="one.number">{{ one.number }} · {{ one.name || one.title }}</option></select></label>
           <label>Replace by session <select class="part-session" v-model="session"><option value="">choose</option>
             <option v-for="[name, words] in sessions" :key="name" :value="name">{{ words }}</option></select></label>
-          <button class="replace-part" :disabled="busy || !session || !lastApp" :aria-label="'Replace app ' + app.number + ' to ' + last"
+          <button class="replace-part" :aria-disabled="Boolean(busy || !session || !lastApp)" :aria-label="'Replace app ' + app.number + ' to ' + last"
             @click="replace">Replace</button>
         </template></fieldset>
     </details>`,

@@ -47,10 +47,10 @@ export default {
           <button aria-label="Enlarge the path" @click="zoom *= 1.25">+</button><button aria-label="Shrink the path" @click="zoom /= 1.25">−</button></span>
         <span v-if="speeds.length" class="group"><label>Speed <select class="simulated-speed" v-model="speed">
           <option v-for="name in speeds" :key="name" :value="name">{{ name }}</option></select></label>
-        <button ref="simulate" class="simulate" :disabled="busy || elsewhere" @click="simulate">{{ busy ? "Simulating…" : "Simulate" }}</button>
+        <button ref="simulate" class="simulate" :aria-disabled="Boolean(busy || elsewhere)" @click="simulate">{{ busy ? "Simulating…" : "Simulate" }}</button>
         <button ref="cancel" class="cancel-simulation" :class="{ absent: !busy }" aria-label="Cancel simulation" @click="$emit('cancel')">Cancel</button></span>
-        <button v-if="speeds.length" class="follow-run" :disabled="!run" :aria-pressed="String(follows)" @click="followRun(!follows)">Simulated run</button>
-        <button class="show-measured" :disabled="!measured" :aria-pressed="String(showsMeasured)" @click="showsMeasured = !showsMeasured">Measured</button>
+        <button v-if="speeds.length" class="follow-run" :aria-disabled="Boolean(!run)" :aria-pressed="String(follows)" @click="followRun(!follows)">Simulated run</button>
+        <button class="show-measured" :aria-disabled="Boolean(!measured)" :aria-pressed="String(showsMeasured)" @click="showsMeasured = !showsMeasured">Measured</button>
         <button class="play-path" @click="play">{{ playing ? "Pause" : "Play" }}</button>
         <label class="path-time">Time in the program <input type="range" :min="range[0]" :max="range[1]" step="0.05" :value="shown"
           @input="go(Number($event.target.value))" :aria-valuetext="words"></label>

@@ -115,7 +115,7 @@ export default {
           <label class="wide">Task <input class="task" v-model="form.task" maxlength="120" placeholder="optional"></label>
         </fieldset>
         <label class="check"><input class="sure" type="checkbox" v-model="form.sure"> The units are right, even where values look implausible</label>
-        <p><button class="play-recording large" type="submit" :disabled="state !== 'form'">Play</button>
+        <p><button class="play-recording large" type="submit" :aria-disabled="Boolean(state !== 'form')">Play</button>
           <button type="button" class="forget" @click="forget">Cancel</button></p>
       </form>
       <section v-if="plays.length" aria-label="Played"><h2>Played</h2>

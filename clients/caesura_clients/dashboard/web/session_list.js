@@ -62,14 +62,14 @@ export default {
           <td v-for="[key, title] in columns" :key="key" :data-title="title" :class="['is-' + key, { alarm: key === 'gaps' && one.gaps > 0 }]">
             <a v-if="key === 'task'" :href="one.href" :title="'session ' + one.session">{{ named(one) }}</a>
             <template v-else>{{ shown(key, one) }}</template></td>
-          <td v-if="editable" class="is-delete"><button v-if="one.held" class="delete" :disabled="isDeleting" :aria-label="(one.deleted ? 'Restore ' : 'Delete ') + named(one)"
+          <td v-if="editable" class="is-delete"><button v-if="one.held" class="delete" :aria-disabled="isDeleting" :aria-label="(one.deleted ? 'Restore ' : 'Delete ') + named(one)"
             @click="ask(one, !one.deleted)">{{ one.deleted ? "Restore" : "Delete" }}</button></td>
         </tr></tbody></table>
       </div>
       <p v-else-if="sessions" class="empty">{{ sessions.length ? "No session is like that." : "No session is known." }}</p>
       <section v-if="damaged.length" class="damaged-sessions" role="status"><h2>Sessions whose results cannot be shown</h2>
         <ul><li v-for="line in damaged" :key="line">{{ line }}</li></ul></section>
-      <p class="older-line"><button class="older" :disabled="asking" @click="older">Older sessions</button>
+      <p class="older-line"><button class="older" :aria-disabled="asking" @click="older">Older sessions</button>
         <span role="status" :class="{ alarm: failed }">{{ message }}</span></p>
     </div>`,
   computed: {

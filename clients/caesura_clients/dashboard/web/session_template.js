@@ -8,7 +8,7 @@ const legend = `
 
 const correcting = `
   <div v-if="!linked" class="at-time" :class="{ quiet: !trouble && !doubt && (inList || !message), chosen: cursor !== null }"><div class="at-time-box">
-    <p class="selection" role="status" :title="selection">{{ selection }}</p>
+    <p class="selection" role="status" :aria-live="playing ? 'off' : 'polite'" :title="selection">{{ selection }}</p>
     <template v-if="editable">
       <button v-if="cursor !== null" class="correct" :title="'What can be corrected at this time (R, or ' + opens + ')'" @click="openMenu()">Correct …</button>
       <button class="undo repeats" :class="{ absent: !canUndo }" :disabled="!canUndo" :title="undoTitle" v-on="pointing(undoAction)" @click="undo">Undo</button>
@@ -25,9 +25,9 @@ const floating = `
   <p v-if="pointedInBand && !menu" class="band-tip" :style="bandStyle" aria-hidden="true">{{ bandWords }}</p>
   <effect-words v-if="effectAt === 'tip' && (effect || ghost !== null)" class="effect-tip" :style="tipStyle" :effect="effect"
     :more="effect && !effect.waits ? '' : dragWords"></effect-words>
-  <form v-if="asked" class="who" aria-label="Who corrects" @submit.prevent="name" @keydown.esc.stop="asked = null">
+  <form v-if="asked" class="who" aria-label="Who corrects" @submit.prevent="name" @keydown.esc.stop="leaveName">
     <label>Your name <input ref="author" class="author" v-model="draft" maxlength="64" autocomplete="name" required></label>
-    <button class="save-name">{{ asked.do ? "Correct" : "Save" }}</button><button type="button" @click="asked = null">Cancel</button>
+    <button class="save-name">{{ asked.do ? "Correct" : "Save" }}</button><button type="button" @click="leaveName">Cancel</button>
     <p>It stands at each of your corrections. This browser keeps it.</p>
   </form>`;
 

@@ -6,6 +6,7 @@ import { clock, isOfDay } from "caesura-dashboard/clock.js";
 import Corrections from "caesura-dashboard/corrections.js";
 import CorrectMenu from "caesura-dashboard/correct_menu.js";
 import { effect } from "caesura-dashboard/effect.js";
+import { giveBack } from "caesura-dashboard/focus.js";
 import EffectWords from "caesura-dashboard/effect_words.js";
 import { keyboard } from "caesura-dashboard/keyboard.js";
 import { live } from "caesura-dashboard/live.js";
@@ -74,7 +75,7 @@ export default {
     };
   },
   created() {
-    Object.assign(this, { fingers: new Map(), drag: null, panned: false, waiting: 0, loading: false, origin: null, hasRecalled: false, received: noRows() });
+    Object.assign(this, { fingers: new Map(), drag: null, panned: false, waiting: 0, loading: false, origin: null, opener: null, menuOpener: null, hasRecalled: false, received: noRows() });
   },
   mounted() {
     this.plots = new Plots(this.$refs.panels, this, this.linked ? SHARED : new YScales());
@@ -355,21 +356,31 @@ export default {
     },
     askName(action, how = {}) { // of who corrects, at the first correction; then it is made
       Object.assign(this, { asked: action, askedHow: how, draft: this.author });
+      this.opener = document.activeElement.closest(".correct-menu") ? this.menuOpener : document.activeElement;
       this.$nextTick(() => this.$refs.author.focus());
+    },
+    leaveName() {
+      this.asked = null;
+      this.returnFocus();
+    },
+    returnFocus() { // to what has opened a menu or a form: a button, or else the plots
+      this.$nextTick(() => giveBack(this.opener, this.$refs.plots));
     },
     name() {
       const action = this.asked;
       if (!this.draft.trim()) return;
       Object.assign(this, { author: this.draft.trim(), asked: null });
       if (action.do) this.edit(action, this.askedHow);
-      this.$refs.plots.focus({ preventScroll: true });
+      this.returnFocus();
     },
     rename() {
       this.menu = null;
       this.askName({});
+      this.opener = this.menuOpener;
     },
     openMenu(x = null, y = BAND_HEIGHT) {
       if (!this.editable || this.session === "") return;
+      this.menuOpener = x === null ? document.activeElement : this.$refs.plots; // a finger has given it no focus
       this.cursor ??= this.within((this.view()[0] + this.shownEnd) / 2);
       this.reveal(this.cursor);
       this.menu = { x: x ?? this.scale().x(this.cursor), y, ...this.spaceOfMenu() };
@@ -386,7 +397,8 @@ export default {
     closeMenu() {
       this.menu = null;
       this.preview(null);
-      this.$refs.plots.focus({ preventScroll: true });
+      this.opener = this.menuOpener;
+      this.returnFocus();
     },
     chosenInMenu(action) {
       this.closeMenu();

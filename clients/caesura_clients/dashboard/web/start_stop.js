@@ -25,15 +25,15 @@ export default {
   }),
   template: `
     <section class="desk" :class="'desk-' + shown" aria-label="Start and stop">
-      <div class="desk-words"><p class="desk-state" role="status">{{ words }}</p>
+      <div class="desk-words"><p class="desk-state"><span role="status">{{ words }}</span>{{ age }}</p>
         <staying id="desk-why" class="desk-why" :class="{ failed }" :lines="offers ? (wide ? 1 : 2) : 0">{{ reason }}</staying></div>
       <form v-if="offers" @submit.prevent="start">
         <label class="wide">{{ canStop ? "Next task" : "Task" }} <input class="task" v-model="task" @input="typed = true" maxlength="120" list="desk-tasks"
           placeholder="optional" autocomplete="off"></label>
         <datalist id="desk-tasks"><option v-for="one in tasks" :key="one" :value="one"></option></datalist>
         <label>Operator <input class="operator" v-model="operator" maxlength="64" placeholder="optional" autocomplete="name"></label>
-        <button class="start large" type="submit" :disabled="!canStart || unanswered.length > 0" aria-describedby="desk-why">Start</button>
-        <button class="stop large repeats" type="button" :disabled="!canStop || unanswered.includes('stop')" @pointerdown="held = session" @click="release"
+        <button class="start large" type="submit" :aria-disabled="Boolean(!canStart || unanswered.length > 0)" aria-describedby="desk-why">Start</button>
+        <button class="stop large repeats" type="button" :aria-disabled="Boolean(!canStop || unanswered.includes('stop'))" @pointerdown="held = session" @click="release" @keydown="held = null"
           @keydown.space.prevent="stop(session)" @keyup.space.prevent aria-describedby="desk-why">Stop</button>
       </form>
     </section>`,
@@ -45,8 +45,10 @@ export default {
   },
   computed: {
     words() {
-      const word = this.shown === "stale" ? "Stale" : WORDS[this.state] || this.said.charAt(0).toUpperCase() + this.said.slice(1);
-      return this.shown === "teaching" && this.t ? `${word} ${this.t} s` : word;
+      return this.shown === "stale" ? "Stale" : WORDS[this.state] || this.said.charAt(0).toUpperCase() + this.said.slice(1);
+    },
+    age() { // not announced: it changes every second
+      return this.shown === "teaching" && this.t ? ` ${this.t} s` : "";
     },
     reason() { // where the state of the bridge is not known, the message waits until it is
       if (this.offline) return "The connection to the dashboard is lost: what is shown is old.";

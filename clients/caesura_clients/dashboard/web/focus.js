@@ -1,0 +1,42 @@
+// The keys go on where they were. A button that cannot be pressed now is `aria-disabled`: it keeps the focus, and a click
+// on it does nothing. What has the focus and goes, such as Delete with its app, leaves it to what follows in the same list.
+const FOCUSABLE = "a[href], button, input, select, textarea, summary, [tabindex='0']";
+const SETTLES_MS = 50; // until then a page that changes may set the focus itself
+let held = null, around = [], others = [], due = 0; // held: what has the focus; around: what contains it; others: on the page
+
+export const isUsable = (one) => one !== null && one.isConnected && !one.disabled && one.checkVisibility({ visibilityProperty: true });
+
+export const giveBack = (opener, otherwise) => { // of a dialog that closes; called once the page is drawn anew
+  (isUsable(opener) && opener !== document.body ? opener : otherwise).focus({ preventScroll: true });
+};
+
+document.addEventListener("click", (event) => {
+  if (event.target.closest?.("button")?.ariaDisabled !== "true") return;
+  event.preventDefault();
+  event.stopImmediatePropagation();
+}, true);
+
+document.addEventListener("focusin", ({ target }) => {
+  [held, around, others] = [target, [], [...document.querySelectorAll(FOCUSABLE)]];
+  for (let one = target.parentElement; one && one !== document.body; one = one.parentElement) around.push(one);
+});
+
+const leave = () => (held = null); // the operator leaves it; otherwise the page has taken the focus from it
+document.addEventListener("pointerdown", leave, true);
+document.addEventListener("keydown", ({ key }) => key === "Tab" && leave(), true);
+
+const isLost = () => held !== null && document.activeElement === document.body;
+
+const pass = () => {
+  due = 0;
+  if (!isLost()) return;
+  if (isUsable(held)) return held.focus({ preventScroll: true }); // it was put to another place
+  const at = others.indexOf(held), near = [...others.slice(at + 1), ...others.slice(0, Math.max(at, 0)).reverse()];
+  const within = around.find((one) => isUsable(one) && near.some((other) => one.contains(other) && isUsable(other)));
+  held = null;
+  near.find((one) => within?.contains(one) && isUsable(one))?.focus({ preventScroll: true });
+};
+
+new MutationObserver(() => {
+  if (!due && isLost()) due = setTimeout(pass, SETTLES_MS);
+}).observe(document, { childList: true, subtree: true, attributes: true, attributeFilter: ["class", "disabled", "hidden", "open", "style"] });

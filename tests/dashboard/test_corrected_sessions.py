@@ -630,6 +630,13 @@ def test_the_first_edit_of_a_program_asks_for_a_name(stage: Stage, visitor: Visi
     page.keyboard.press("End")
     page.keyboard.type("!")
     page.keyboard.press("Enter")
+    expect(page.get_by_label("Your name")).to_be_focused()
+    page.keyboard.insert_text("A" * 65)
+    page.keyboard.press("Enter")
+    refusal = "Not done: your name has 65 characters, expected at most 64 characters."
+    expect(page.locator(".program-said"), "it was cut in silence").to_have_text(refusal)
+    expect(page.get_by_label("Your name"), "and every edit would be refused").to_be_focused()
+    page.keyboard.press("ControlOrMeta+a")
     page.keyboard.type("Ann")
     page.keyboard.press("Enter")
     expect(page.locator(".edits summary")).to_contain_text("Edits: 1")

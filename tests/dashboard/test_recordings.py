@@ -128,6 +128,21 @@ def test_a_bad_request_or_a_station_with_a_robot_is_refused(desk: RecordingDesk)
         desk.play(asked("u-1"), frozenset({"cell-9"}))
 
 
+def test_a_task_follows_the_rule_for_names(desk: RecordingDesk):
+    """An invisible character passed, and ended the process that played."""
+    sent(desk, "u-1", "a.csv", CSV.encode())
+    with pytest.raises(EditRefused, match=r"^Not played: task is 'a\\u202e', expected text on one line"):
+        desk.play(asked("u-1", task="a\u202e"), frozenset())
+    with pytest.raises(EditRefused, match="task has 121 characters, expected at most 120 characters"):
+        desk.play(asked("u-1", task="x" * 121, operator=""), frozenset())
+
+
+def test_a_refusal_names_no_mapping_file_on_a_page(desk: RecordingDesk):
+    said = 'a.csv.toml: roll pitch yaw turn to 180 rad: probably in deg. State unit = "deg" for each of them'
+    expected = "a.csv: roll pitch yaw turn to 180 rad: probably in deg. Choose deg as their unit."
+    assert desk._in_words(said, "u-1") == expected
+
+
 def test_a_session_name_that_is_taken_is_refused_with_what_has_it_and_what_to_do(
     desk: RecordingDesk, monkeypatch: pytest.MonkeyPatch
 ):

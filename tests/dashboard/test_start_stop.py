@@ -211,9 +211,14 @@ def test_a_recording_is_dropped_and_played_as_a_session(
     form = page.locator(".questions")
     expect(form.locator(".column-px")).to_have_value("X")
     expect(form.locator(".unit-pos")).to_have_value("mm")
+    expect(page.locator(".drop-state"), "the form is announced").to_have_text(
+        "Answer the questions about the recording, then press Play."
+    )
+    expect(form.locator(".not-read"), "they were left out in silence").to_contain_text("K1, K2, K3")
     expect(form.locator(".column-t"), "nothing is played without a time").to_have_attribute("required", "")
     for column, name in (("fx", "K1"), ("fy", "K2"), ("fz", "K3")):
         form.locator(f".column-{column}").select_option(name)
+    expect(form.locator(".not-read")).to_have_count(0)
     form.locator(".wrench-source").select_option("flange_sensor")
     form.locator(".station").fill("cell-1")
     form.locator(".session").fill("from-a-file")
@@ -223,8 +228,9 @@ def test_a_recording_is_dropped_and_played_as_a_session(
     expect(page.locator(".drop-state")).to_contain_text("The robot of station cell-1 is connected")
     form.locator(".station").fill("cell-7")
     form.locator(".unit-pos").select_option("m")
-    form.locator(".play-recording").click()
+    form.locator(".play-recording").press("Enter")
     expect(page.locator(".drop-state")).to_contain_text("positions are 524 m away from the base")
+    expect(form.locator(".play-recording"), "the form was taken away meanwhile").to_be_focused()
     form.locator(".unit-pos").select_option("mm")
     form.locator(".play-recording").click()
     expect(page.locator(".play-state").first).to_have_text("done")

@@ -152,6 +152,13 @@ def describe(stage: Stage, visitor: Visitor, session: str) -> None:
         visitor.page.set_viewport_size(size)
         assert form.locator("summary").evaluate(DATE_CUT_PX) <= 0, f"the date is cut at {size}"
     visitor.page.set_viewport_size(DESK)
+    form.locator(".name-task").select_text()
+    visitor.page.keyboard.insert_text("x" * 121)  # as it is pasted
+    visitor.page.keyboard.press("Tab")
+    expect(form.get_by_role("alert")).to_have_text(
+        "Not done: task has 121 characters, expected at most 120 characters."
+    )
+    form.get_by_role("button", name="Give up").click()
     form.locator(".name-note").fill("calm hand")
     form.locator(".yes").click()
     expect(form.locator(".saved")).to_contain_text("Saved.")

@@ -35,7 +35,7 @@ from caesura_protocol.messages import (
 )
 from caesura_protocol.session_time_display import NO_OFFSET, SessionClock
 from caesura_protocol.transport.transport_interface import Transport
-from caesura_protocol.validation_words import first_finding
+from caesura_protocol.validation_words import Place, first_finding
 
 M = TypeVar("M", Edit, Preview)
 Request = Mapping[str, Any]
@@ -151,7 +151,17 @@ def _parsed(model: type[M], action: TypeAdapter[Any], request: Request, names: S
     try:
         return model.model_validate({**common, "action": action.validate_python(own)})
     except ValidationError as error:
-        raise EditRefused(said(first_finding(error))) from error
+        raise EditRefused(said(first_finding(error, named=field_words))) from error
+
+
+def field_words(place: Place) -> str:
+    """Return the name of a field on the page from its place in a request: `your name`, `tag 2`."""
+    if not place:
+        return ""
+    last = place[-1]
+    if isinstance(last, int):
+        return f"{str(place[-2]).removesuffix('s')} {last + 1}" if len(place) > 1 else f"item {last + 1}"
+    return "your name" if last == "author" else last
 
 
 def said(

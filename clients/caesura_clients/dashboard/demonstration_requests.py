@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from caesura_clients.dashboard.correction_requests import EditRefused, said
+from caesura_clients.dashboard.correction_requests import EditRefused, field_words, said
 from caesura_clients.dashboard.edit_conflicts import ATTEMPTS, redescribed
 from caesura_clients.dashboard.station_summary import DashboardState
 from caesura_clients.demonstration_control import ask_bridge
@@ -19,7 +19,7 @@ from caesura_clients.session_corrections import send
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import BridgeStatus, Describe, Description, Start, Stop
 from caesura_protocol.transport.transport_interface import IncompleteAnswerError, Transport
-from caesura_protocol.validation_words import dotted, first_finding
+from caesura_protocol.validation_words import first_finding
 
 Request = Mapping[str, Any]
 AUTHOR = "dashboard"  # of a description whose author gives no name
@@ -84,7 +84,7 @@ def parse(request: Request) -> Start | Stop | Describe:
     try:
         return ACTIONS.validate_python(given)
     except ValidationError as error:
-        found = first_finding(error, named=lambda place: dotted(place[-1:]))
+        found = first_finding(error, named=field_words)
         raise EditRefused(said(found)) from error
 
 

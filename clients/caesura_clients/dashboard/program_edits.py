@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from caesura_clients.dashboard.correction_requests import EditRefused, refused, said
+from caesura_clients.dashboard.correction_requests import EditRefused, field_words, refused, said
 from caesura_clients.dashboard.edit_conflicts import ATTEMPTS, UNITS, edited_again
 from caesura_clients.dashboard.program_form_values import SCALES, shown_numbers, shown_texts
 from caesura_clients.program_editing import (
@@ -47,7 +47,7 @@ from caesura_protocol.programs.export_formats import WRITERS, formats_of
 from caesura_protocol.robots import grippers, robot_description
 from caesura_protocol.session_time_display import NO_OFFSET, SessionClock
 from caesura_protocol.transport.transport_interface import Transport
-from caesura_protocol.validation_words import dotted, first_finding
+from caesura_protocol.validation_words import first_finding
 
 Request = Mapping[str, Any]
 ONE_PLACE_M = 1e-3  # so far apart two positions of one name may be
@@ -140,7 +140,7 @@ def parse(request: Request) -> EditProgram:
     try:
         return EditProgram.model_validate(dict(request))
     except ValidationError as error:
-        found = _beyond(error) or first_finding(error, named=lambda place: dotted(place[-1:]))
+        found = _beyond(error) or first_finding(error, named=field_words)
         raise EditRefused(said(found)) from error
 
 

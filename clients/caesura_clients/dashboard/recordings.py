@@ -26,7 +26,7 @@ from caesura_clients.dashboard.correction_requests import EditRefused, said
 from caesura_clients.dashboard.upload_folder import UploadFolder, remove_abandoned
 from caesura_protocol.errors import printable
 from caesura_protocol.formats.csv_read_mapped import SIGNAL_OF_COLUMN
-from caesura_protocol.messages import ForceFrame, HandOnRobot, Name, WrenchSource
+from caesura_protocol.messages import Author, ForceFrame, HandOnRobot, Name, TaskName, WrenchSource
 from caesura_protocol.up_direction import parse_up, up_text
 from caesura_protocol.validation_words import first_finding
 
@@ -90,8 +90,8 @@ class PlayRequest(BaseModel):
     upload: str
     station: Name
     session: Name
-    task: Annotated[str, StringConstraints(max_length=120)] = ""
-    operator: Annotated[str, StringConstraints(max_length=64)] = ""
+    task: TaskName | None = None
+    operator: Author | None = None
     answers: Answers
 
 
@@ -235,7 +235,7 @@ class RecordingDesk:
         text; empty if nothing has.
         """
         try:
-            wanted = PlayRequest.model_validate(request)
+            wanted = PlayRequest.model_validate({key: one for key, one in request.items() if one != ""})
         except ValidationError as error:
             raise EditRefused(said(first_finding(error), lead="Not played")) from error
         if wanted.station in taken:
@@ -248,7 +248,7 @@ class RecordingDesk:
         if holder := self._playing(named) or known(wanted.station, wanted.session):
             raise EditRefused(f"The session name {named} is taken by {holder}: type another session name.")
         self._reserve(wanted.upload, PLAYS)
-        description = {"task": wanted.task or None, "operator": wanted.operator or None}
+        description = {"task": wanted.task, "operator": wanted.operator}
         job = {
             "do": "play",
             "read_s": LOOK_S,
@@ -338,8 +338,10 @@ class RecordingDesk:
                 del self._plays[next(iter(self._plays))]
 
     def _in_words(self, error: str, upload: str) -> str:
-        """Return an error of the command line for a page: without its folder, and options as fields."""
+        """Return an error of the command line for a page: without its files, and options as fields."""
         words = error.replace(f"{self._folder.path / upload}/", "")
+        words = re.sub(r"^([^:]+)\.toml: ", r"\1: ", words)  # its mapping is what was chosen on the page
+        words = re.sub(r'State unit = "(\w+)" for each of them$', r"Choose \1 as their unit.", words)
         return re.sub(r"--([a-z]+(?:-[a-z]+)+)", lambda option: option[1].replace("-", " "), words)
 
 

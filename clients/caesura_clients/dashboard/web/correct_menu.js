@@ -29,7 +29,7 @@ export default {
         <button class="limit" title="The app here exerts no more than that" v-on="pointing({ do: 'limit_force', t, newton })">Limit</button>
         <button type="button" class="unlimit" title="The app here exerts what was taught" v-on="making({ do: 'limit_force', t, newton: null })">No limit</button></form>
       <form v-if="phase" class="row" @submit.prevent="make({ do: 'name_phase', t, name })">
-        <label>Name the phase {{ phase[2] }} <input class="phase-name" maxlength="64" required v-model.trim="name"></label>
+        <label>Name the phase {{ phase[2] }} <input class="phase-name" maxlength="10000" required v-model.trim="name"></label>
         <button class="name-phase" title="Its apps are a group of this name; nothing else changes"
           v-on="name ? pointing({ do: 'name_phase', t, name }) : {}">Name</button></form>
       <p v-if="author" class="by">by {{ author }} <button class="rename" @click="$emit('rename')">Another name</button></p>

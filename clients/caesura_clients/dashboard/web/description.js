@@ -38,12 +38,12 @@ export default {
     <details v-if="session" class="description" :open="open" @toggle="toggled($event.target.open)">
       <summary><strong>{{ title }}</strong> {{ stated }}</summary>
       <div v-if="editable" class="fields">
-        <label class="is-task">Task <input class="name-task" v-model="draft.task" maxlength="120" list="known-tasks" placeholder="unnamed"
+        <label class="is-task">Task <input class="name-task" v-model="draft.task" maxlength="10000" list="known-tasks" placeholder="unnamed"
           @change="saveTyped('task')" autocomplete="off"></label>
         <datalist id="known-tasks"><option v-for="one in tasks" :key="one" :value="one"></option></datalist>
-        <label>Operator <input class="name-operator" v-model="draft.operator" maxlength="64" @change="saveTyped('operator')"></label>
-        <label>Tags <input class="name-tags" v-model="draft.tags" maxlength="300" placeholder="left, new" @change="saveTyped('tags')" autocomplete="off"></label>
-        <label class="wide">Note <input class="name-note" v-model="draft.note" maxlength="1000" @change="saveTyped('note')"></label>
+        <label>Operator <input class="name-operator" v-model="draft.operator" maxlength="10000" @change="saveTyped('operator')"></label>
+        <label>Tags <input class="name-tags" v-model="draft.tags" maxlength="10000" placeholder="left, new" @change="saveTyped('tags')" autocomplete="off"></label>
+        <label class="wide">Note <input class="name-note" v-model="draft.note" maxlength="10000" @change="saveTyped('note')"></label>
         <span class="outcome" role="group" aria-label="Did it succeed?"><span>Success</span>
           <button class="yes" :aria-pressed="String(known.success === true)" @click="judge(true)">Yes</button>
           <button class="no" :aria-pressed="String(known.success === false)" @click="judge(false)">No</button></span>

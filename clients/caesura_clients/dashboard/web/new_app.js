@@ -14,7 +14,7 @@ export default {
       <label>{{ previous ? "New app after it" : "Kind" }} <select v-model="kind"><option value="">choose</option>
         <option v-for="[kind, title] in kinds" :key="kind" :value="kind">{{ title }}</option></select></label>
       <template v-if="kind">
-        <label>Name <input class="new-name" v-model="fresh.name" maxlength="64" autocomplete="off"></label>
+        <label>Name <input class="new-name" v-model="fresh.name" maxlength="10000" autocomplete="off"></label>
         <fieldset v-if="states('target')"><legend>Target [mm]</legend>
           <input v-for="(axis, i) in ['x', 'y', 'z']" :key="axis" :aria-label="'New target ' + axis + ' in mm'" type="number" step="any"
             v-model.number="fresh.target[i]" :placeholder="before[i]" :required="isMoved && before[i] === undefined"></fieldset>

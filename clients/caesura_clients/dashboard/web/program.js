@@ -1,4 +1,4 @@
-import { storeAuthor, storedAuthor } from "caesura-dashboard/author.js";
+import { isOfAuthor, storeAuthor, storedAuthor } from "caesura-dashboard/author.js";
 import { changes } from "caesura-dashboard/clicks.js";
 import Conflict from "caesura-dashboard/conflict.js";
 import { giveBack } from "caesura-dashboard/focus.js";
@@ -38,7 +38,7 @@ export default {
         program.complete ? ", complete" : ", being taught" }}{{ edited }}</small></h2>
       <div v-if="program" class="program-tools">
         <template v-if="editable">
-          <label>Program name <input class="program-name" v-model="name" maxlength="120" placeholder="unnamed" autocomplete="off"
+          <label>Program name <input class="program-name" v-model="name" maxlength="10000" placeholder="unnamed" autocomplete="off"
             @change="rename"></label>
           <conflict v-if="nameConflict" :words="nameConflict.words" :busy="busy" @anyway="renameAnyway" @new-value="takeNewName"></conflict>
           <button v-show="program.undoable" class="undo-edit repeats" :aria-disabled="busy" @click="say({ do: 'undo' })">Undo edit</button>
@@ -48,9 +48,9 @@ export default {
           <option v-for="[one, title] in program.grippers" :key="one" :value="one">{{ title }}</option></select></label>
         <span v-if="program.apps.length" class="exports">Export <a v-for="[title, href] in program.exports" :key="href" :href="exported(href)">{{ title }}</a>
           <a v-if="program.dataset" class="dataset" :href="program.dataset">LeRobot dataset</a></span>
-        <form v-if="asked" class="who-edits" aria-label="Who edits" @submit.prevent="sign" @keydown.esc.stop="leaveName">
-          <label>Your name <input ref="author" class="author" v-model="draft" maxlength="64" autocomplete="name" required></label>
-          <button class="save-name">Save</button> <button type="button" @click="leaveName">Cancel</button></form>
+        <form v-if="asked" class="who-edits" aria-label="Who edits" @submit.prevent="sign" @keydown.esc.stop="cancelName">
+          <label>Your name <input ref="author" class="author" v-model="draft" maxlength="10000" autocomplete="name" required></label>
+          <button class="save-name">Save</button> <button type="button" @click="cancelName">Cancel</button></form>
       </div>
       <div v-if="program" class="unfolded">
       <details v-if="program.notes.length" class="program-notes"><summary>Notes: {{ program.notes.length }}</summary>
@@ -70,7 +70,7 @@ export default {
       </ul>
       <div v-if="program" class="unfolded">
       <details v-if="editable" class="app-edit first-app" @toggle="inserts = $event.target.open"><summary>New first app</summary>
-        <new-app v-if="inserts" :near="program.before ? null : program.apps[0]" :kinds="program.kinds" :busy="busy" @edit="say"></new-app></details>
+        <new-app v-if="inserts" :near="program.before ? null : program.apps[0]" :kinds="program.kinds" :busy="busy" @edit="(...asked) => sayAt(0, ...asked)"></new-app></details>
       <details v-if="program.edits.length" class="edits"><summary>Edits: {{ program.edits.length }}</summary>
         <ol><li v-for="[number, words, author, state, reason] in program.edits" :key="number" :value="number" :class="{ failed: reason }">
           {{ words }} – {{ author }}, {{ state }}{{ reason ? ": " + reason : "" }}</li></ol></details>
@@ -193,6 +193,7 @@ export default {
       const { session, editRevision } = this.program, { made } = this; // an edit of this page may be there before its program
       const revision = made.session === session ? Math.max(editRevision, made.revision) : editRevision;
       this.sent = { session, revision: revision + 1 };
+      this.lastAsked = [action, seen, answered];
       requests.keep({ session });
       this.$emit("edit", { session, revision, author, action, ...(seen && { seen }) });
     },
@@ -208,6 +209,16 @@ export default {
       Object.assign(this, { asked: action, draft: "" });
       this.opener = document.activeElement;
       this.$nextTick(() => this.$refs.author.focus());
+    },
+    askAgain() { // for another name
+      const name = storedAuthor();
+      storeAuthor("");
+      this.askName(this.lastAsked);
+      this.draft = name;
+    },
+    cancelName() {
+      this.inserted = null;
+      this.leaveName();
     },
     leaveName() {
       this.asked = null;
@@ -225,6 +236,7 @@ export default {
       Object.assign(this, { message: found ? "" : message, failed, refusedAt, busy: false, made: failed ? {} : this.sent });
       this.afterwards?.(message, failed, found);
       this.afterwards = null;
+      if (failed && isOfAuthor(message)) return this.askAgain();
       if (this.inserted && !failed) this.awaitApp(this.inserted, this.sent.revision);
       this.inserted = null;
     },

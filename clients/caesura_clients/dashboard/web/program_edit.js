@@ -28,12 +28,12 @@ export default {
     <details class="app-edit" :open="open" @toggle="toggled($event.target.open)">
       <summary :aria-label="'Edit app ' + app.number">Edit</summary>
       <form v-if="open && draft" @submit.prevent="save">
-        <label>Name <input class="app-name" v-model="draft.name" maxlength="64" autocomplete="off"></label>
-        <label>Note <input class="app-note" v-model="draft.note" maxlength="1000" autocomplete="off"></label>
+        <label>Name <input class="app-name" v-model="draft.name" maxlength="10000" autocomplete="off"></label>
+        <label>Note <input class="app-note" v-model="draft.note" maxlength="10000" autocomplete="off"></label>
         <fieldset v-if="draft.target"><legend>Target [mm]</legend>
           <input v-for="(axis, i) in ['x', 'y', 'z']" :key="axis" :aria-label="'Target ' + axis + ' in mm'" type="number" step="0.1"
             v-model.number="draft.target[i]" required></fieldset>
-        <label v-if="app.target">Name of the position <input class="app-target_name" v-model="draft.target_name" maxlength="64" autocomplete="off"></label>
+        <label v-if="app.target">Name of the position <input class="app-target_name" v-model="draft.target_name" maxlength="10000" autocomplete="off"></label>
         <label v-for="[name, field] in numbers" :key="name">{{ field.label }}
           <input :class="'app-' + name" type="number" step="any" :min="field.min" :max="field.max" v-model.number="draft[name]"></label>
         <div class="row"><button class="save" :aria-disabled="Boolean(busy || !changed)">Save</button>

@@ -63,7 +63,6 @@ export default {
         @drop.prevent="dropped">
         <p><strong>Drop a recording here</strong>: npz, csv, MCAP, or the folder of a rosbag2; at most {{ megabytes }} MB.</p>
         <label class="button choose-file">Choose a file <input class="file" type="file" :accept="suffixes.join(',')" @change="picked"></label>
-        <p class="drop-state" role="status" :class="{ failed }">{{ shownState }}</p>
         <progress v-if="state === 'sending'" :value="sent" max="1" aria-label="Sent"></progress>
       </section>
       <form v-if="found" class="questions" @submit.prevent="play" aria-label="Questions about the recording">
@@ -84,6 +83,7 @@ export default {
               <option v-for="unit in units[signal]" :key="unit">{{ unit }}</option></select></label>
           </fieldset></div>
           <button type="button" class="more" :aria-pressed="String(more)" @click="more = !more">Orientation, joints, moments</button>
+          <p v-if="notRead.length" class="not-read">Not read: {{ notRead.join(", ") }}.</p>
         </template>
         <fieldset v-else><legend>units</legend>
           <label v-for="(known, quantity) in quantities" :key="quantity">{{ quantity }}
@@ -104,7 +104,7 @@ export default {
             <option v-for="one in frames" :key="one">{{ one }}</option></select></label>
           <label>Robot <select class="robot" v-model="form.robot"><option value="">another, or as in the file</option>
             <option v-for="one in robots" :key="one">{{ one }}</option></select></label>
-          <label>Up, in its base frame <input class="up" v-model.trim="form.up" list="mountings" placeholder="z, or as in the file" maxlength="100"></label>
+          <label>Up, in its base frame <input class="up" v-model.trim="form.up" list="mountings" placeholder="z, or as in the file" maxlength="10000"></label>
           <datalist id="mountings"><option value="z">on a table</option><option value="-z">from a ceiling</option>
             <option v-for="one in ['x', '-x', 'y', '-y']" :key="one" :value="one">on a wall</option></datalist>
         </fieldset>
@@ -112,12 +112,13 @@ export default {
           <label>Station <input class="station" v-model="form.station" required pattern="[a-z0-9][a-z0-9_\\-]{0,63}" list="known-stations"></label>
           <datalist id="known-stations"><option v-for="one in stations" :key="one" :value="one"></option></datalist>
           <label>Session <input class="session" v-model="form.session" required pattern="[a-z0-9][a-z0-9_\\-]{0,63}"></label>
-          <label class="wide">Task <input class="task" v-model="form.task" maxlength="120" placeholder="optional"></label>
+          <label class="wide">Task <input class="task" v-model="form.task" maxlength="10000" placeholder="optional"></label>
         </fieldset>
         <label class="check"><input class="sure" type="checkbox" v-model="form.sure"> The units are right, even where values look implausible</label>
-        <p><button class="play-recording large" type="submit" :aria-disabled="Boolean(state !== 'form')">Play</button>
+        <p><button ref="play" class="play-recording large" type="submit" :aria-disabled="Boolean(state !== 'form')">Play</button>
           <button type="button" class="forget" @click="forget">Cancel</button></p>
       </form>
+      <p class="drop-state" role="status" :class="{ failed }">{{ shownState }}</p>
       <section v-if="plays.length" aria-label="Played"><h2>Played</h2>
         <ul class="plays"><li v-for="one in plays" :key="one.station + '/' + one.session">
           <a v-if="one.opened" :href="'/sessions/' + one.station + '/' + one.session">{{ one.station }}/{{ one.session }}</a>
@@ -137,8 +138,13 @@ export default {
     hasWrench() {
       return this.found.header ? this.columns.force.some((one) => this.chosen[one]) || !!this.chosen.tau1 : this.found.hasWrench;
     },
+    notRead() { // columns of a csv that nothing is chosen for
+      const read = Object.values(this.chosen);
+      return this.found.header.filter((name) => !read.includes(name));
+    },
     shownState() {
       const states = { sending: `Sending: ${Math.round(100 * this.sent)} %`, looking: "Reading …", asking: "Starting …" };
+      states.form = "Answer the questions about the recording, then press Play.";
       return this.message || states[this.state] || "";
     },
   },
@@ -148,6 +154,8 @@ export default {
       const refused = this.played && plays.find((one) => one.upload === this.upload && one.error);
       if (refused) { // its answers can be changed
         Object.assign(this, { found: this.played, played: null, state: "form", message: refused.error, failed: true });
+        const { activeElement } = document, wasPassed = activeElement === document.body || activeElement.matches(".file"); // with the form
+        if (wasPassed) this.$nextTick(() => this.$refs.play.focus());
       }
     },
     async dropped(event) {

@@ -26,7 +26,7 @@ const floating = `
   <effect-words v-if="effectAt === 'tip' && (effect || ghost !== null)" class="effect-tip" :style="tipStyle" :effect="effect"
     :more="effect && !effect.waits ? '' : dragWords"></effect-words>
   <form v-if="asked" class="who" aria-label="Who corrects" @submit.prevent="name" @keydown.esc.stop="leaveName">
-    <label>Your name <input ref="author" class="author" v-model="draft" maxlength="64" autocomplete="name" required></label>
+    <label>Your name <input ref="author" class="author" v-model="draft" maxlength="10000" autocomplete="name" required></label>
     <button class="save-name">{{ asked.do ? "Correct" : "Save" }}</button><button type="button" @click="leaveName">Cancel</button>
     <p>It stands at each of your corrections. This browser keeps it.</p>
   </form>`;

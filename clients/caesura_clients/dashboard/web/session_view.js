@@ -1,5 +1,5 @@
 // A session: the plots with everything that can be done in them, and the tools that correct what was found.
-import { AUTHOR } from "caesura-dashboard/author.js";
+import { AUTHOR, isOfAuthor, storeAuthor } from "caesura-dashboard/author.js";
 import { contextOf, inkOf, Painter, watchLook } from "caesura-dashboard/canvas.js";
 import { changes } from "caesura-dashboard/clicks.js";
 import { clock, isOfDay } from "caesura-dashboard/clock.js";
@@ -225,6 +225,7 @@ export default {
       if (failed) this.made = 0;
       else if (this.act) this.acted();
       this.act = null;
+      if (failed && isOfAuthor(message)) this.askAgain();
     },
     named(event) {
       this.author = event.detail;
@@ -352,12 +353,19 @@ export default {
       Object.assign(this, { busy: true, message: "Correcting …", failed: false, refusedAt: null, doubt: "",
         inList: action.do === "take_back" && !how.redoes });
       requests.keep({ station: this.station, session: this.session });
+      this.lastAsked = [action, how];
       this.$emit("edit", { ...action, session: this.session, revision: this.revision, author: this.author.trim() });
     },
     askName(action, how = {}) { // of who corrects, at the first correction; then it is made
       Object.assign(this, { asked: action, askedHow: how, draft: this.author });
       this.opener = document.activeElement.closest(".correct-menu") ? this.menuOpener : document.activeElement;
       this.$nextTick(() => this.$refs.author.focus());
+    },
+    askAgain() { // for another name
+      const name = this.author;
+      storeAuthor("");
+      this.askName(...this.lastAsked);
+      this.draft = name;
     },
     leaveName() {
       this.asked = null;

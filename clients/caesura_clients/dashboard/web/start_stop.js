@@ -28,10 +28,10 @@ export default {
       <div class="desk-words"><p class="desk-state"><span role="status">{{ words }}</span>{{ age }}</p>
         <staying id="desk-why" class="desk-why" :class="{ failed }" :lines="offers ? (wide ? 1 : 2) : 0">{{ reason }}</staying></div>
       <form v-if="offers" @submit.prevent="start">
-        <label class="wide">{{ canStop ? "Next task" : "Task" }} <input class="task" v-model="task" @input="typed = true" maxlength="120" list="desk-tasks"
+        <label class="wide">{{ canStop ? "Next task" : "Task" }} <input class="task" v-model="task" @input="typed = true" maxlength="10000" list="desk-tasks"
           placeholder="optional" autocomplete="off"></label>
         <datalist id="desk-tasks"><option v-for="one in tasks" :key="one" :value="one"></option></datalist>
-        <label>Operator <input class="operator" v-model="operator" maxlength="64" placeholder="optional" autocomplete="name"></label>
+        <label>Operator <input class="operator" v-model="operator" maxlength="10000" placeholder="optional" autocomplete="name"></label>
         <button class="start large" type="submit" :aria-disabled="Boolean(!canStart || unanswered.length > 0)" aria-describedby="desk-why">Start</button>
         <button class="stop large repeats" type="button" :aria-disabled="Boolean(!canStop || unanswered.includes('stop'))" @pointerdown="held = session" @click="release" @keydown="held = null"
           @keydown.space.prevent="stop(session)" @keyup.space.prevent aria-describedby="desk-why">Stop</button>

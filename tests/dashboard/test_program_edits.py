@@ -145,6 +145,17 @@ def test_a_program_is_offered_in_the_formats_of_its_robot():
     assert offered(None) == offered("unheard-of") == [writer.title for writer in WRITERS.values()]
 
 
+def test_a_finding_advises_what_can_be_done_on_a_page():
+    """It advised options of the command line, and to edit a file that a page does not have."""
+    apps = [one.model_copy(update={"orientation": None, "load_kg": None}) for one in pick_and_place()]
+    shown = Timeline().of(program(*apps))
+    said = [reason for _, reason in shown["findings"]]
+    said += [reason for app in shown["apps"] for _, reason in app["findings"]]
+    assert any("its current one. To have it, play the recording again with" in one for one in said)
+    assert any("0 kg are assumed: export JSON, and enter load_kg in that file" in one for one in said)
+    assert not any("--" in one for one in said), said
+
+
 def test_what_a_browser_sends_is_checked():
     with pytest.raises(EditRefused, match=r"^Not done: action.*[^.]\.$"):
         parse({"session": "s1", "revision": 0, "author": "Ann", "action": {"do": "explode"}})

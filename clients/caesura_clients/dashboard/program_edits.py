@@ -290,7 +290,7 @@ def checked(program: Program, clock: SessionClock = NO_OFFSET) -> CheckedProgram
     of_program: list[list[str]] = []
     of_apps: dict[int, list[list[str]]] = {}
     for one in findings_beside_notes(made):
-        reason = clock.text(one.reason)
+        reason = clock.text(one.on_page or one.reason)
         if one.index is None:
             of_program.append([one.severity, reason])
         else:

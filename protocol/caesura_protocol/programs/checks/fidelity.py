@@ -23,7 +23,7 @@ from caesura_protocol.app_kinds import APP_KINDS, name_of_app
 from caesura_protocol.messages import App, Gap, Vector, ViaPoint, WrenchReport
 from caesura_protocol.number_words import fixed, interval, reads_above
 from caesura_protocol.programs.app_time_shifts import part_of, rests_of, speed_in_words
-from caesura_protocol.programs.checks.findings import Finding, in_mm
+from caesura_protocol.programs.checks.findings import Finding, Remedy, in_mm
 from caesura_protocol.programs.document import ProgramStep
 from caesura_protocol.programs.document_timing import ProgramTiming
 from caesura_protocol.programs.program_gripper import GRIP_REACH_M, GRIPS, SURE_SDS, held_loads
@@ -36,6 +36,15 @@ from caesura_protocol.up_direction import GRAVITY, UP
 
 UNEVEN_SHARE = 0.15  # of a force, by which one beside it is another force
 TAUGHT_APART = "a part was taught again"
+ENTER_LOAD = Remedy(": enter load_kg in the JSON file", ": export JSON, and enter load_kg in that file")
+STATE_WRENCH = Remedy(
+    ": state it with --wrench-source", ": the bridge of the station states it with its option --wrench-source"
+)
+SEND_ORIENTATION = Remedy(
+    "; send qx qy qz qw, or the joints and --robot",
+    ". To have it, play the recording again with the columns of its orientation, or of its joints "
+    "and with its robot; a bridge has to send one of the two",
+)
 NAMED = 3  # impacts in a finding, the hardest ones
 EDITED_APART = "the way between them was not taught"
 EDITED: Mapping[str, Callable[[App], str]] = {  # text on an edit that changes what a robot does, by its mark
@@ -394,8 +403,8 @@ def _unknown_loads(apps: Sequence[App]) -> Iterator[Finding]:
             named = False
         elif APP_KINDS[app.kind].carries and load_kg is None and not named:
             named = True
-            reason = "carries a load that was not measured, 0 kg are assumed: enter load_kg in the JSON file"
-            yield Finding("warning", index, app.kind, reason)
+            reason = "carries a load that was not measured, 0 kg are assumed"
+            yield ENTER_LOAD.of(Finding("warning", index, app.kind, reason))
 
 
 def _unmoved_loads(apps: Sequence[App]) -> Iterator[Finding]:
@@ -468,8 +477,8 @@ def _wrench_findings(quality: DemonstrationQuality) -> Iterator[Finding]:
     if wrench is None:
         return
     if not wrench.stated:
-        reason = f"wrench source {wrench.source} is assumed: state it with --wrench-source"
-        yield Finding("warning", None, None, reason)
+        reason = f"wrench source {wrench.source} is assumed"
+        yield STATE_WRENCH.of(Finding("warning", None, None, reason))
     if not wrench.contact_models:
         reason = f"contacts were not searched for. {wrench.note}"
         yield Finding("warning", None, None, reason)
@@ -508,7 +517,7 @@ def _missing_orientations(apps: Sequence[App]) -> Iterator[Finding]:
     without = [(index, app) for index, app in moving if app.orientation is None]
     reason = "the taught orientation is unknown: the robot keeps its current one"
     if moving and len(without) == len(moving):
-        yield Finding("warning", None, None, f"{reason}; send qx qy qz qw, or the joints and --robot")
+        yield SEND_ORIENTATION.of(Finding("warning", None, None, reason))
         return
     for index, app in without:
         yield Finding("warning", index, app.kind, reason)

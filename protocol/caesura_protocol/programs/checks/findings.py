@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from caesura_protocol.app_kinds import app_name
 from caesura_protocol.messages import App, Vector
@@ -17,7 +17,8 @@ Severity = Literal["error", "warning"]
 class Finding:
     """Finding on one app; index and kind are None if it concerns the whole program.
 
-    value, limit: the numbers in the reason, if any. name: that an operator gave the app.
+    value, limit: the numbers in the reason, if any. name: that an operator gave the app. on_page: the reason
+    on a page of the dashboard, where an operator has other means than at the command line.
     """
 
     severity: Severity
@@ -27,10 +28,22 @@ class Finding:
     value: float | None = None
     limit: float | None = None
     name: str | None = None
+    on_page: str | None = None
 
     def __str__(self) -> str:
         where = "program" if self.index is None else app_name(self.index, self.kind or "?", self.name)
         return f"{self.severity}: {where}: {self.reason}"
+
+
+class Remedy(NamedTuple):
+    """What to do about a finding, with the punctuation before it: at the command line, and on a page."""
+
+    command: str
+    page: str
+
+    def of(self, found: Finding) -> Finding:
+        """Return a finding, whose reason has the facts alone, with this advice."""
+        return replace(found, reason=found.reason + self.command, on_page=found.reason + self.page)
 
 
 def with_names(findings: Iterable[Finding], apps: Sequence[App]) -> Iterator[Finding]:

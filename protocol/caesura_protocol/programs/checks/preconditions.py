@@ -13,16 +13,21 @@ from caesura_protocol.app_contacts import ends_in_contact, is_resisted
 from caesura_protocol.app_kinds import APP_KINDS, name_of_app
 from caesura_protocol.messages import App, Quaternion
 from caesura_protocol.number_words import fixed
-from caesura_protocol.programs.checks.findings import Finding, in_mm
+from caesura_protocol.programs.checks.findings import Finding, Remedy, in_mm
 from caesura_protocol.programs.held_grasps import HeldGrasps, eases, held_grasps, is_regrip
 from caesura_protocol.programs.program_gripper import SHUT_M
 from caesura_protocol.rotations import angle_between
 
 PULLS = "pulls on the touched surface: its force points away from the tool"
-WHY_IT_PULLS = (
-    ". Was the force recorded in the base frame, as the environment's on the robot? If not, state "
-    "force_frame in the recording or --force-frame, or negate the force. Did the recording begin in contact? "
-    "Then its first force was taken as zero: teach it again from free space"
+_IN_BASE_FRAME = ". Was the force recorded in the base frame, as the environment's on the robot? If not, "
+_FROM_CONTACT = (
+    ". Did the recording begin in contact? Then its first force was taken as zero: teach it again from free "
+    "space"
+)
+WHY_IT_PULLS = Remedy(
+    f"{_IN_BASE_FRAME}state force_frame in the recording or --force-frame, or negate the force"
+    f"{_FROM_CONTACT}",
+    f"{_IN_BASE_FRAME}play the recording again, and choose its frame and whose force it is{_FROM_CONTACT}",
 )
 UNHELD = "carries, but nothing was grasped: an app 'grasp' must come before it"
 WHY_UNHELD = (
@@ -51,7 +56,8 @@ def precondition_findings(apps: Sequence[App]) -> list[Finding]:
         orientation = app.orientation or orientation
         if APP_KINDS[app.kind].presses and _pulls(app, orientation):
             said = any(one.reason.startswith(PULLS) for one in found)
-            found.append(Finding("error", index, app.kind, PULLS + ("" if said else WHY_IT_PULLS)))
+            pulls = Finding("error", index, app.kind, PULLS)
+            found.append(pulls if said else WHY_IT_PULLS.of(pulls))
         if touching and (turned := _turned(apps[index - 1], app)) > TURN_AT_CONTACT_RAD:
             found.append(_turned_at_contact(index, app, turned))
         if app.kind == "grasp" and not moved:

@@ -12,7 +12,7 @@ from caesura_protocol.app_force_limit import LEAST_PRESS_N, ExertedForce, exerte
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import JOINTS_MOST, App, AppPath, ViaPoint
 from caesura_protocol.number_words import fixed, reads_above
-from caesura_protocol.programs.checks.findings import Finding
+from caesura_protocol.programs.checks.findings import Finding, Remedy
 from caesura_protocol.programs.safety import Safety
 
 NUMBERS = (
@@ -62,6 +62,10 @@ LATEST_S = 1e10  # but a time, which may be one of day
 UNIT_TOLERANCE = 0.05  # of a quaternion's length
 WIDTH_TOLERANCE_M = 0.005  # fingers that are wide open say a little more than they open
 FORCE_TOLERANCE_N = 1e-6
+LESS_FORCE = Remedy(
+    ". Raise that with --cell, or limit the force with --force-limit",
+    ". Set a smaller force at this app, or raise that limit of the cell where the program is run",
+)
 
 
 def value_findings(apps: Sequence[App], safety: Safety) -> list[Finding]:
@@ -248,10 +252,9 @@ def beyond_stop(apps: Sequence[App], safety: Safety) -> Iterator[Finding]:
         if force is not None and force.newton > most + FORCE_TOLERANCE_N:
             reason = (
                 f"{_name_of(force)} {fixed(force.newton, 1)} N is above {fixed(most, 1)} N: the robot is "
-                f"stopped at {stops:g} N (felt_force_n), so this app is not started. Raise that "
-                "with --cell, or limit the force with --force-limit"
+                f"stopped at {stops:g} N (felt_force_n), so this app is not started"
             )
-            yield Finding("warning", index, app.kind, reason, force.newton, most)
+            yield LESS_FORCE.of(Finding("warning", index, app.kind, reason, force.newton, most))
 
 
 def _name_of(force: ExertedForce) -> str:

@@ -129,6 +129,8 @@ def test_a_station_that_two_bridges_teach_is_in_trouble_and_not_stale(world):
     assert warning_of(one, world) == words
     stale = seen(world, received_ago=STALE_S + 1.0)
     assert warning_of(stale, world) == "Stale: no sample for 3 s. What is shown is old."
+    without = warning_of(replace(stale, why="no router. This page connects by itself."), world)
+    assert without == "Stale: no router. This page connects by itself. What is shown is old."
 
 
 def test_a_bridge_in_standby_that_warns_while_it_teaches_is_shown(world):

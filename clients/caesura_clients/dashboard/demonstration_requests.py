@@ -160,7 +160,7 @@ def _without_bridge(world: DashboardState, station: str) -> str:
 
 def _without_service(world: DashboardState) -> str:
     """Return why no service answers; empty if one does."""
-    return world.trouble or ("" if world.alive else "no service answers")
+    return world.trouble.removesuffix(".") or ("" if world.alive else "no service answers")
 
 
 def _outcome(status: BridgeStatus | None) -> str:

@@ -281,7 +281,7 @@ def warning_of(seen: StationSummary, world: DashboardState) -> str:
         return seen.why
     if seen.state == "failed":  # nothing is old; beside Start the page states what the robot lacks
         return world.trouble
-    return f"Stale: {seen.why}. What is shown is old." if seen.why else world.trouble
+    return f"Stale: {seen.why.removesuffix('.')}. What is shown is old." if seen.why else world.trouble
 
 
 def troubled(found: Iterable[StationSummary]) -> int:

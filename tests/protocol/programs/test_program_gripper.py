@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from caesura_lab.execution.cell_limits import Cell
 from caesura_lab.execution.checks import check
-from caesura_protocol.programs.checks import gripper_findings
+from caesura_protocol.programs.checks import document_findings, gripper_findings
 from caesura_protocol.programs.document import read_document
 from caesura_protocol.programs.franky_script import franky_script
 from caesura_protocol.programs.program_gripper import gripper_of, with_gripper, within_gripper
@@ -99,8 +99,10 @@ def test_the_check_names_what_is_assumed_where_no_width_is_stated():
         name: " ".join(map(str, check(unstated, Cell(Safety()), gripper=gripper(name)).findings))
         for name in ("franka_hand", "suction")
     }
+    words["not known"] = " ".join(map(str, document_findings(as_file(unstated))))
     assert "app 2 (grasp): no gripper width is stated: 0 mm is assumed, and the" in words["franka_hand"]
-    assert "is stated: the fingers open to their limit, 80 mm; change its" in words["franka_hand"]
+    for name in ("franka_hand", "not known"):  # it was assumed in silence where no gripper was stated
+        assert "is stated: the fingers open to their limit, 80 mm; change its" in words[name]
     assert "no gripper width" not in words["suction"]
 
 

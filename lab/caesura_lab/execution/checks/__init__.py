@@ -55,7 +55,7 @@ def check(
     found = [
         *timing_findings(None if quality is None else quality.timing),
         *value_findings(apps, within_gripper(cell.safety, gripper)),
-        *(() if gripper is None else gripper_findings(apps, cell.safety, gripper)),
+        *gripper_findings(apps, cell.safety, gripper),
     ]
     finite, broken = are_numbers_finite(apps), any(one.severity == "error" for one in found)
     found += precondition_findings(apps)

@@ -50,7 +50,7 @@ def document_findings(program: ProgramFile) -> list[Finding]:
     found += [
         *timing_findings(program.timing),
         *value_findings(program.apps, within_gripper(program.safety, held_by)),
-        *(() if held_by is None else gripper_findings(program.apps, program.safety, held_by)),
+        *gripper_findings(program.apps, program.safety, held_by),
     ]
     found += precondition_findings(program.apps)
     if are_numbers_finite(program.apps):

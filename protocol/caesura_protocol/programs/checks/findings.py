@@ -36,7 +36,7 @@ class Finding:
 
 
 class Remedy(NamedTuple):
-    """What to do about a finding, with the punctuation before it: at the command line, and on a page."""
+    """Advice on a finding, with the punctuation before it: at the command line, and on a page."""
 
     command: str
     page: str

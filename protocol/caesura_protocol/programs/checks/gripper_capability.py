@@ -17,14 +17,21 @@ ASSUMED = {
 }
 
 
-def gripper_findings(apps: Sequence[App], safety: Safety, gripper: GripperDescription) -> list[Finding]:
-    """Return the actions that a gripper cannot perform. `value_findings` checks the widths of fingers."""
+def gripper_findings(
+    apps: Sequence[App], safety: Safety, gripper: GripperDescription | None
+) -> list[Finding]:
+    """Return the actions that a gripper cannot perform. `value_findings` checks the widths of fingers.
+
+    gripper: None where it is not known; then fingers are assumed.
+    """
+    if gripper is None:
+        return [*_unstated_widths(apps, safety)]
     return [
         *_settings(safety, gripper),
         *_unseen_losses(apps, gripper),
         *_widths(apps, gripper),
         *_between_states(apps, gripper),
-        *_unstated_widths(apps, safety, gripper),
+        *(_unstated_widths(apps, safety) if _has_widths(gripper) else ()),
         *_unopened(apps, gripper),
     ]
 
@@ -80,13 +87,16 @@ def _between_states(apps: Sequence[App], gripper: GripperDescription) -> Iterato
             yield Finding("warning", index, app.kind, reason, width, opening)
 
 
-def _unstated_widths(apps: Sequence[App], safety: Safety, gripper: GripperDescription) -> Iterator[Finding]:
+def _has_widths(gripper: GripperDescription) -> bool:
+    """Return whether the fingers stop at a width, not only open and shut."""
+    return gripper.kind != "suction" and gripper.interface != "digital_output"
+
+
+def _unstated_widths(apps: Sequence[App], safety: Safety) -> Iterator[Finding]:
     """Yield a warning for each app without a taught width, such as with a closed flag.
 
     Scripts and the simulated robot then assume a width.
     """
-    if gripper.kind == "suction" or gripper.interface == "digital_output":
-        return
     widest = safety.gripper_width_m
     for index, app in enumerate(apps):
         if app.gripper_width is None and app.kind in ASSUMED:

@@ -205,7 +205,12 @@ def test_everything_goes_without_a_mouse(operator: Operator):
     correct.press("Enter")
     keyboard.press("Escape")
     expect(correct, "it has opened the menu").to_be_focused()
-    operator.plot.focus()
+    keyboard.press("Enter")
+    expect(operator.page.locator(".correct-menu .insert")).to_be_focused()
+    keyboard.press("Shift+Tab")
+    keyboard.press("Shift+Tab")
+    expect(operator.page.locator(".correct-menu"), "it stayed upon what had the focus").to_have_count(0)
+    expect(operator.plot).to_be_focused()
     keyboard.press("Enter")
     operator.wire.until(lambda: operator.wire.corrected() == [pytest.approx(T, abs=NEAR_S)])
 

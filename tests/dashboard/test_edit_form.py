@@ -253,6 +253,7 @@ def test_an_app_is_inserted_as_the_first_one(desk: Desk):
     height.fill(f"{1000 * z + 20:.1f}")
     desk.page.get_by_role("button", name="Insert as the first app").press("Enter")
     desk.is_said("'hold' inserted to the beginning.")
+    expect(desk.page.get_by_label("Edit app 1"), "as of any other new app").to_be_focused()
     made, *behind = desk.program.apps
     assert (made.kind, made.target) == ("hold", (x, y, pytest.approx(z + 0.02, abs=1e-4)))
     assert [one.kind for one in behind] == [one.kind for one in taught]

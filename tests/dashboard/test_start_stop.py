@@ -184,6 +184,9 @@ def test_a_session_is_deleted_in_the_list_and_the_line_above_it_takes_that_back(
         page.get_by_role("button", name="Restore wipe a").press("Enter")
         expect(said).to_contain_text("wipe a is restored.")
         eventually(lambda: described(caesura, "row-a", "cell-5").deleted is False)
+        caesura.describe("cell-5", "row-a", author="Ann", task="wipe b")
+        both = page.get_by_role("button", name=re.compile(r"^Delete wipe b, \w+ \d+, \d{4}"))
+        expect(both, "two buttons of one name, to a screen reader").to_have_count(2)
         assert visitor.errors == []
 
 

@@ -10,10 +10,10 @@ export default {
   mixins: [clock],
   components: { EffectWords },
   props: { t: Number, start: Number, begin: Number, newest: Number, selected: Number, segment: Object, phase: Object, kinds: Object, author: String, x: Number, y: Number, width: Number, room: Number, kept: Array, effect: Object },
-  emits: ["edit", "preview", "close", "rename", "time"],
+  emits: ["edit", "preview", "close", "leave", "rename", "time"],
   data: () => ({ newton: 10, outside: "", tapped: "", name: "", raised: 0, bottom: "auto", most: "none", apart: false }), // apart: the preview is at the lower edge of the window
   template: `
-    <div class="correct-menu" :class="{ apart }" role="dialog" :aria-label="'Correct at ' + shownTime(t) + ' s'" :style="place" @keydown.esc.stop="$emit('close')">
+    <div class="correct-menu" :class="{ apart }" role="dialog" :aria-label="'Correct at ' + shownTime(t) + ' s'" :style="place" @keydown.esc.stop="$emit('close')" @focusout="left">
       <label class="menu-time">Time [s] <input ref="time" class="time" type="number" step="any" :aria-invalid="String(outside !== '')" @change="setTime($event.target.value)"></label>
       <button v-if="isAtPoint" class="remove" title="The two segments that meet here become one" v-on="making({ do: 'remove', t: selected })">
         Remove the changepoint <kbd>Delete</kbd></button>
@@ -64,6 +64,9 @@ export default {
       const { top, bottom } = this.$el.getBoundingClientRect();
       this.raised = Math.max(0, Math.min(bottom + EFFECT + MARGIN - window.innerHeight, top - MARGIN));
       this.most = `${window.innerHeight - MARGIN - top + this.raised}px`; // a longer preview is scrolled
+    },
+    left({ relatedTarget }) { // by Tab: it would lie upon what has the focus, where Esc does not close it
+      if (relatedTarget && !this.$el.contains(relatedTarget)) this.$emit("leave");
     },
     leaveBand() { // no room beside the segment: the band shows it, and the menu is above or below that
       const frame = this.$el.parentElement.getBoundingClientRect().top;

@@ -58,11 +58,11 @@ export default {
           <th v-if="editable" scope="col" class="is-delete">delete</th></tr></thead>
         <tbody><tr v-for="one in found" :key="one.station + '/' + one.session" :class="{ deleted: one.deleted }">
           <td class="is-chosen"><input type="checkbox" class="choose" :checked="chosen.includes(nameOf(one))" @change="choose(nameOf(one))"
-            :aria-label="'compare ' + named(one)"></td>
+            :aria-label="'compare ' + called(one)"></td>
           <td v-for="[key, title] in columns" :key="key" :data-title="title" :class="['is-' + key, { alarm: key === 'gaps' && one.gaps > 0 }]">
             <a v-if="key === 'task'" :href="one.href" :title="'session ' + one.session">{{ named(one) }}</a>
             <template v-else>{{ shown(key, one) }}</template></td>
-          <td v-if="editable" class="is-delete"><button v-if="one.held" class="delete" :aria-disabled="isDeleting" :aria-label="(one.deleted ? 'Restore ' : 'Delete ') + named(one)"
+          <td v-if="editable" class="is-delete"><button v-if="one.held" class="delete" :aria-disabled="isDeleting" :aria-label="(one.deleted ? 'Restore ' : 'Delete ') + called(one)"
             @click="ask(one, !one.deleted)">{{ one.deleted ? "Restore" : "Delete" }}</button></td>
         </tr></tbody></table>
       </div>
@@ -140,6 +140,10 @@ export default {
       this.made = others;
     },
     named,
+    called(one) { // where another one has this name too, also its time
+      const isAlone = this.found.every((other) => other === one || named(other) !== named(one));
+      return isAlone || !one.opened ? named(one) : `${named(one)}, ${dayAndTime(one.opened)}`;
+    },
     nameOf: (one) => `${one.station}/${one.session}`,
     choose(name) { // a third takes the place of the first
       this.chosen = this.chosen.includes(name) ? this.chosen.filter((one) => one !== name) : [...this.chosen, name].slice(-2);

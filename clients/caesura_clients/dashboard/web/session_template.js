@@ -20,7 +20,7 @@ const correcting = `
 
 const floating = `
   <correct-menu v-if="menu && cursor !== null" v-bind="menu" :t="cursor" :start="start" :begin="begin" :newest="newest" :selected="selected" :segment="segmentAtCursor" :phase="phaseAtCursor" :kinds="kinds" :author="author" :effect="effect"
-    @edit="chosenInMenu" @close="closeMenu" @rename="rename" @time="goto"
+    @edit="chosenInMenu" @close="closeMenu" @leave="leaveMenu" @rename="rename" @time="goto"
     @preview="(action) => preview(action, 'menu')"></correct-menu>
   <p v-if="pointedInBand && !menu" class="band-tip" :style="bandStyle" aria-hidden="true">{{ bandWords }}</p>
   <effect-words v-if="effectAt === 'tip' && (effect || ghost !== null)" class="effect-tip" :style="tipStyle" :effect="effect"

@@ -402,9 +402,12 @@ export default {
       const kept = rows.length ? [inPlot(rows.at(-1)[0]), inPlot(rows[0][1])] : null;
       return { width, room, kept };
     },
-    closeMenu() {
+    leaveMenu() {
       this.menu = null;
       this.preview(null);
+    },
+    closeMenu() {
+      this.leaveMenu();
       this.opener = this.menuOpener;
       this.returnFocus();
     },

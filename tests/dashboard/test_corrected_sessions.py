@@ -52,6 +52,8 @@ LATE = """(payload) => runMethod(+document.querySelector(".plots").closest("[id^
   [0, payload])"""
 OUTDATED = "Not done. The session has been corrected since: look at what is there now."
 TICKS = "() => [...document.querySelector('.plots').plots.plots.values()].at(-1).plot.axes[0]._values"
+FONTS = "() => [...document.querySelector('.plots').plots.plots.values()].map(({ plot }) => plot.ctx.font)"
+PASSES_MS = 500  # the focus is passed on, and a preview is asked for
 
 
 @pytest.fixture
@@ -420,7 +422,7 @@ def test_what_a_correction_would_change_is_shown_before_it_is_made(stage: Stage,
 
 def test_a_finger_sees_the_effect_at_the_first_tap_and_corrects_at_the_second(stage: Stage, browser: Browser):
     teach(stage, "cell-touch")
-    visitor = Visitor(browser, viewport=PHONE, has_touch=True)
+    visitor = Visitor(browser, viewport=PHONE, has_touch=True, device_scale_factor=2)
     page = visitor.page
     page.add_init_script("localStorage.setItem('caesura-author', 'Ann')")
     with stage.reader() as caesura:
@@ -447,6 +449,13 @@ def test_a_finger_sees_the_effect_at_the_first_tap_and_corrects_at_the_second(st
         menu.locator(".insert").tap()
         expect(page.locator(".message").first).to_contain_text("Changepoint inserted at 1.")
         assert caesura.snapshot("cell-touch", "over").status.revision == 1
+        assert len(set(page.evaluate(FONTS))) == 1, "times were written half as large as values"
+        undo = page.get_by_role("button", name="Undo", exact=True).first
+        undo.tap()
+        expect(page.locator(".message").first).to_contain_text("Undone")
+        expect(undo).to_be_hidden()
+        page.wait_for_timeout(PASSES_MS)
+        expect(page.locator(".effect-tip"), "a finger points at no other button").to_have_count(0)
     assert visitor.errors == []
     visitor.close()
 

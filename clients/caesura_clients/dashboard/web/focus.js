@@ -21,11 +21,16 @@ document.addEventListener("focusin", ({ target }) => {
   for (let one = target.parentElement; one && one !== document.body; one = one.parentElement) around.push(one);
 });
 
-const leave = () => (held = null); // the operator leaves it; otherwise the page has taken the focus from it
-document.addEventListener("pointerdown", leave, true);
-document.addEventListener("keydown", ({ key }) => key === "Tab" && leave(), true);
+let byKeys = false; // a finger or a mouse needs no focus: passed on, it would show what the next button does
+document.addEventListener("pointerdown", () => { // the operator leaves it; otherwise the page has taken the focus from it
+  [held, byKeys] = [null, false];
+}, true);
+document.addEventListener("keydown", ({ key }) => {
+  if (key === "Tab") held = null;
+  byKeys = true;
+}, true);
 
-const isLost = () => held !== null && document.activeElement === document.body;
+const isLost = () => byKeys && held !== null && document.activeElement === document.body;
 
 const pass = () => {
   due = 0;

@@ -114,8 +114,11 @@ export class Plots {
   }
   time(u, t, unit) { // none at the right edge, where it would be cut
     const words = `${+(t - this.state.start).toFixed(5)}${unit}`;
+    const { font } = u.ctx; // uPlot's own, which it does not set anew
     u.ctx.font = fontOf();
-    return u.valToPos(t, "x") + u.ctx.measureText(words).width / 2 > u.over.clientWidth + RIGHT ? "" : words;
+    const { width } = u.ctx.measureText(words);
+    u.ctx.font = font;
+    return u.valToPos(t, "x") + width / 2 > u.over.clientWidth + RIGHT ? "" : words;
   }
   area(u) {
     const { left, top, width, height } = u.bbox;

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import pytest
@@ -119,6 +120,15 @@ def test_a_field_that_is_cleared_is_as_taught_and_the_others_stay(desk: Desk):
     expect(card.locator(".marks li")).to_have_count(1)
     expect(card.locator(".marks")).to_contain_text("force by Ann")
     assert (desk.app("apply_force").name, len(desk.program.apps)) == (None, 3)
+    force = card.locator(".app-force_n")
+    force.fill("")
+    force.press("Enter")  # a number was ignored in silence
+    expect(card.locator(".marks")).to_have_count(0)
+    expect(force).to_have_value(re.compile(r"^1\d"))
+    force.fill("")
+    force.press("Tab")
+    expect(force, "it is as taught already").to_have_value(re.compile(r"^1\d"))
+    expect(card.locator(".save")).to_be_disabled()
 
 
 def test_what_an_app_cannot_have_is_refused_in_the_words_of_the_command_line(desk: Desk, stage: Stage):

@@ -161,7 +161,7 @@ def field_words(place: Place) -> str:
     last = place[-1]
     if isinstance(last, int):
         return f"{str(place[-2]).removesuffix('s')} {last + 1}" if len(place) > 1 else f"item {last + 1}"
-    return "your name" if last == "author" else last
+    return {"author": "your name", "seconds": "duration"}.get(last, last)
 
 
 def said(

@@ -35,7 +35,7 @@ export default {
             v-model.number="draft.target[i]" required></fieldset>
         <label v-if="app.target">Name of the position <input class="app-target_name" v-model="draft.target_name" maxlength="10000" autocomplete="off"></label>
         <label v-for="[name, field] in numbers" :key="name">{{ field.label }}
-          <input :class="'app-' + name" type="number" step="any" :min="field.min" :max="field.max" v-model.number="draft[name]"></label>
+          <input :class="'app-' + name" type="number" step="any" :min="field.min" :max="field.max" v-model.number="draft[name]" @change="refill(name)"></label>
         <div class="row"><button class="save" :aria-disabled="Boolean(busy || !changed)">Save</button>
           <button type="button" class="as-taught" :aria-disabled="Boolean(busy || !app.set.length)" @click="asTaught">As taught</button></div>
         <conflict v-if="conflict" :words="conflict.words" :busy="busy" @anyway="saveAnyway" @new-value="takeNew"></conflict>
@@ -96,9 +96,16 @@ export default {
       const moved = (i) => draft.target[i] !== base.target[i];
       if (draft.target && AXES.some(moved)) found.target = AXES.map((i) => (moved(i) ? draft.target[i] / MM : app.target[i]));
       for (const [name, { scale }] of this.numbers) {
-        if (draft[name] !== base[name] && draft[name] !== "" && draft[name] !== null) found[name] = draft[name] / scale;
+        if (this.isCleared(name)) cleared.push(name);
+        else if (draft[name] !== base[name] && draft[name] !== "" && draft[name] !== null) found[name] = draft[name] / scale;
       }
       return cleared.length ? { ...found, as_taught: cleared } : found;
+    },
+    isCleared(name) { // a number that an operator has set
+      return this.draft[name] === "" && this.app.set.includes(name);
+    },
+    refill(name) { // it is as taught already
+      if (this.draft[name] === "" && !this.isCleared(name)) this.draft[name] = this.base[name];
     },
     save() {
       const { draft, base } = this, { as_taught = [], ...found } = this.changes();
@@ -128,6 +135,7 @@ export default {
     },
     learn(draft, base, name, now, sent, rounded) { // of one field, or one coordinate of the target
       if (draft[name] === base[name] || alike(draft[name], now, rounded)) draft[name] = base[name] = now;
+      else if (sent === "" && draft[name] === "") draft[name] = base[name] = now; // cleared: as taught
       else if (alike(sent, now, rounded)) base[name] = now; // saved here, and typed on since
     },
     asTaught() {

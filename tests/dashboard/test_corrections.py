@@ -277,6 +277,11 @@ def test_a_name_is_asked_for_at_the_first_correction_which_then_is_made(operator
     operator.page.keyboard.press("Enter")
     expect(name).to_be_focused()
     assert operator.wire.corrected() == []
+    name.fill("Bea\u202e")
+    name.press("Enter")
+    operator.is_shown("leave out U+202E (right-to-left override)")
+    expect(name, "each correction would be refused").to_be_focused()
+    expect(name).to_have_value("Bea\u202e")
     name.fill("Bea")
     name.press("Enter")
     operator.is_shown("inserted at 1.")

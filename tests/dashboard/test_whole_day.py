@@ -124,6 +124,7 @@ def teach(stage: Stage, visitor: Visitor) -> str:
     expect(page.get_by_text("move to contact").first).to_be_visible()
     looks_right(visitor, "day-teaching")
     shown = page.locator(".scrub output")
+    expect(shown, "it changes every second").to_have_attribute("aria-live", "off")
     is_taught = f"(shown) => parseFloat(shown.innerText) > {TAUGHT_S}"
     page.wait_for_function(is_taught, arg=shown.element_handle(), polling=LOOK_MS)
     stop.click(trial=True)
@@ -222,6 +223,7 @@ def simulate(visitor: Visitor) -> None:
     assert simulated_s(path, "optimal") < as_taught_s
     path.get_by_role("slider").press("Home")
     path.get_by_role("button", name="Play").click()
+    expect(path.locator("output"), "the slider has its words").to_have_attribute("aria-live", "off")
     path.get_by_role("button", name="Pause").click()
     visitor.picture("day-simulated-desktop")
 

@@ -182,6 +182,7 @@ export class Plots {
         const found = data && nearest(data.points[column], t, data.holes, reach);
         words = found ? fixed(written(panel, found[1] - (off[i] || 0)), panel.digits) : "missing";
       }
+      values[i].ariaLive = this.state.playing ? "off" : "polite"; // else each is announced ten times a second
       values[i].textContent = words;
     });
   }

@@ -54,7 +54,7 @@ export default {
         <button class="play-path" @click="play">{{ playing ? "Pause" : "Play" }}</button>
         <label class="path-time">Time in the program <input type="range" :min="range[0]" :max="range[1]" step="0.05" :value="shown"
           @input="go(Number($event.target.value))" :aria-valuetext="words"></label>
-        <output>{{ words }}</output>
+        <output aria-live="off">{{ words }}</output>
       </div>
       <staying v-if="speeds.length" class="simulated" :class="{ failed: stopped }" :lines="2">{{ stands }}</staying>
       <canvas ref="canvas" tabindex="0" role="img" :aria-label="'Path of the program in three dimensions, ' + rows.length + ' apps. Arrow keys turn it.'"

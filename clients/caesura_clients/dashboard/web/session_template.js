@@ -42,7 +42,7 @@ const time = `
     <button class="play" :disabled="!replay && !closed" :title="replay || closed ? null : 'Once the demonstration is over'" @click="play">{{ playing ? "Pause" : "Play" }}</button>
     <label class="slider">Show until <input type="range" :min="begin" :max="latest().toFixed(1)" step="0.1" :value="shownEnd"
       :aria-valuetext="shownTime(shownEnd, 1) + ' seconds'" @input="scrub"></label>
-    <output>{{ shownTime(Math.min(shownEnd, newest), 1) }} of {{ shownTime(newest, 1) }} s</output>
+    <output aria-live="off">{{ shownTime(Math.min(shownEnd, newest), 1) }} of {{ shownTime(newest, 1) }} s</output>
     <span class="moves" role="group" aria-label="Range of time">
       <button aria-label="Earlier" @click="pan(-0.5)">◀</button><button aria-label="Later" @click="pan(0.5)">▶</button>
       <button aria-label="Zoom in" @click="zoom(0.5)">+</button><button aria-label="Zoom out" @click="zoom(2)">−</button>

@@ -2,7 +2,9 @@
 // on it does nothing. What has the focus and goes, such as Delete with its app, leaves it to what follows in the same list.
 const FOCUSABLE = "a[href], button, input, select, textarea, summary, [tabindex='0']";
 const SETTLES_MS = 50; // until then a page that changes may set the focus itself
+const AGAIN_MS = 500; // a second press is meant for what is gone, as in clicks.js
 let held = null, around = [], others = [], due = 0; // held: what has the focus; around: what contains it; others: on the page
+let passed = null, passedAt = 0; // to what the focus was passed on, and when [ms]
 
 export const isUsable = (one) => one !== null && one.isConnected && !one.disabled && one.checkVisibility({ visibilityProperty: true });
 
@@ -11,7 +13,8 @@ export const giveBack = (opener, otherwise) => { // of a dialog that closes; cal
 };
 
 document.addEventListener("click", (event) => {
-  if (event.target.closest?.("button")?.ariaDisabled !== "true") return;
+  const isAgain = event.detail === 0 && event.target === passed && performance.now() - passedAt < AGAIN_MS;
+  if (!isAgain && event.target.closest?.("button")?.ariaDisabled !== "true") return;
   event.preventDefault();
   event.stopImmediatePropagation();
 }, true);
@@ -38,8 +41,9 @@ const pass = () => {
   if (isUsable(held)) return held.focus({ preventScroll: true }); // it was put to another place
   const at = others.indexOf(held), near = [...others.slice(at + 1), ...others.slice(0, Math.max(at, 0)).reverse()];
   const within = around.find((one) => isUsable(one) && near.some((other) => one.contains(other) && isUsable(other)));
-  held = null;
-  near.find((one) => within?.contains(one) && isUsable(one))?.focus({ preventScroll: true });
+  passed = near.find((one) => within?.contains(one) && isUsable(one)) ?? null;
+  [held, passedAt] = [null, performance.now()];
+  passed?.focus({ preventScroll: true });
 };
 
 new MutationObserver(() => {

@@ -287,6 +287,7 @@ def test_all_corrections_are_listed_and_any_of_them_is_undone(stage: Stage, visi
         ]
         assert kept == [pytest.approx(1.6, abs=NEAR_S)]
         looks_right(visitor, "corrections", within=".corrections")
+        expect(listed.locator(".message"), "Enter counted once").to_contain_text("Correction 2 is taken back")
 
         def states() -> list[str]:
             return [one.state for one in caesura.snapshot("cell-list", "over").program.corrections]

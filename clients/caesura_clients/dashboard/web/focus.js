@@ -13,8 +13,9 @@ export const giveBack = (opener, otherwise) => { // of a dialog that closes; cal
 };
 
 document.addEventListener("click", (event) => {
-  const isAgain = event.detail === 0 && event.target === passed && performance.now() - passedAt < AGAIN_MS;
-  if (!isAgain && event.target.closest?.("button")?.ariaDisabled !== "true") return;
+  const button = event.target.closest?.("button") ?? null; // a summary opens or folds a form, which harms nothing
+  const isAgain = event.detail === 0 && button !== null && button === passed && performance.now() - passedAt < AGAIN_MS;
+  if (!isAgain && button?.ariaDisabled !== "true") return;
   event.preventDefault();
   event.stopImmediatePropagation();
 }, true);

@@ -68,7 +68,8 @@ def test_a_surface_that_is_only_hit_is_not_pressed(hit_s: float, then: str, beco
 
     def at(t: float) -> Moment:
         hits, presses = 2.6 - hit_s < t < 2.6, t > 3.0 or (then == "contact" and t > 2.5)
-        return drifted(t, pushed_n=42.0 if hits else 12.0 if presses else 0.0)
+        felt = drifted(t, pushed_n=42.0 if hits else 12.0 if presses else 0.0)
+        return replace(felt, position=(0.05 * (t - 2.2), 0.0, 0.04 - 0.1 * (t - 2.2)))
 
     down = {"position_start": (0.0, 0.0, 0.04), "position_end": (0.02, 0.0, 0.0)}
     made = program(

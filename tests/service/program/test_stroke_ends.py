@@ -178,7 +178,8 @@ def test_a_short_slide_and_a_tilt_are_one_stroke_without_a_longer_one(
 
     def at(t: float) -> Moment:
         push = slide_n if 3.0 < t < 4.3 else 9.0 if 4.3 < t < ends else 0.0
-        return replace(drifted(t, pushed_n=push), orientation=UPRIGHT)
+        place = (0.1 - way_m * min(max(4.0 - t, 0.0), 1.0), 0.0, 0.2)
+        return replace(drifted(t, pushed_n=push), position=place, orientation=UPRIGHT)
 
     made = program(
         segment("motion", 0.0, 3.0),

@@ -157,6 +157,40 @@ def test_a_touch_in_which_the_force_rises_is_no_press_of_its_own() -> None:
     assert forces_of(made[1]) == pytest.approx([11.0, 11.0])
 
 
+@pytest.mark.parametrize(
+    ("touched_s", "parts"),
+    [
+        pytest.param(2.1, [(0,), (1, 2, 3)], id="8 mm from the touch on"),
+        pytest.param(1.9, [(0,), (1, 2), (3,)], id="12 mm in contact"),
+    ],
+)
+def test_the_way_to_a_touch_is_no_part_of_a_slide_that_only_pushes_in(
+    touched_s: float, parts: list[tuple[int, ...]]
+) -> None:
+    """A hand skids 12 mm, and touches on the last 8 mm. A robot skids from the touch on.
+
+    So the rest after it was a press of its own in the program, and none in the program of its run.
+    """
+    skid = {"position_start": (0.0, 0.0, 0.212), "position_end": (0.007, 0.0, 0.202)}
+    still = {"position_start": (0.007, 0.0, 0.202), "position_end": (0.007, 0.0, 0.202)}
+
+    def at(t: float) -> Moment:
+        way = min(max((t - 2.0) / 0.5, 0.0), 1.0)
+        place = (0.007 * way, 0.0, 0.212 - 0.01 * way)
+        return replace(
+            drifted(t, pushed_n=0.0 if t < touched_s else 7.0 if t < 3.5 else 14.0), position=place
+        )
+
+    made = program(
+        segment("motion", 0.0, 2.0, position_end=(0.0, 0.0, 0.212)),
+        segment("sliding", 2.0, 2.5, **held(7.0), **skid),
+        segment("contact", 2.5, 3.5, **held(7.0), **still),
+        segment("sliding", 3.5, 5.0, **held(14.0), **ACROSS),
+        at=at,
+    )
+    assert [app.segments for app in made] == parts
+
+
 def test_the_force_of_a_stroke_is_measured_in_the_axes_of_a_tool_that_turns() -> None:
     """It is 10 N along the tool, which turns from -40 to 40 degrees: its median in the base frame is less."""
 

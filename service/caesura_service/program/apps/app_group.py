@@ -13,8 +13,8 @@ from caesura_protocol.messages import App, Contact, Segment, Vector
 from caesura_protocol.screw_torque_and_text import exerted
 from caesura_service.program.apps.paths import Paths
 from caesura_service.program.forces.stroke_forces import has_own_force
-from caesura_service.program.interpretation.contacts import pushes_back
 from caesura_service.program.interpretation.joined_strokes import only_touches, stands
+from caesura_service.program.interpretation.touches import pushes_back
 from caesura_service.program.program_segment import (
     GRIP_SLACK_S,
     OBSERVED_S,

@@ -10,7 +10,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -27,7 +26,6 @@ from caesura_service.program.program_segment import (
     TOUCHED_S,
     UNLIKE_N,
     Context,
-    MomentAt,
     ProgramSegment,
     carried_weight,
     direction,
@@ -196,24 +194,3 @@ def _least_lasting(pushes: NDArray[np.float64]) -> float:
     count = min(LASTING, len(pushes))
     sums = np.sum([pushes[k : len(pushes) - count + 1 + k] for k in range(count)], axis=0)
     return float(sums.min()) / count
-
-
-def touched_at(contact: ProgramSegment, moment_at: MomentAt) -> Vector:
-    """Return the position (3,) [m] at which a contact first pushes back; the segment's start where none does.
-
-    The segment may begin on the way down to the contact.
-    """
-    times = observed(contact.segment.t0, contact.segment.tn)
-    t = next(filter(pushes_back(contact, moment_at), times), None)
-    return contact.segment.position_start if t is None else moment_at(t).position
-
-
-def pushes_back(contact: ProgramSegment, moment_at: MomentAt) -> Callable[[float], bool]:
-    """Return a test for a time [s]: whether a contact pushes back then, along its force."""
-    base, normal = contact.base, direction(contact.force)
-    return lambda t: _along(moment_at(t).force, base, normal) >= PUSHES_BACK_N
-
-
-def _along(force: Vector | None, base: Vector, normal: NDArray[np.float64]) -> float:
-    """Return the component [N] of a force beyond a base along a normal; 0 where the force is None."""
-    return 0.0 if force is None else float(np.subtract(force, base) @ normal)

@@ -14,8 +14,8 @@ from itertools import takewhile
 import numpy as np
 
 from caesura_protocol.messages import Vector
-from caesura_service.program.interpretation.contacts import pushes_back, touched_at
 from caesura_service.program.interpretation.joined_strokes import DECAY_REACH_M, is_directly_before
+from caesura_service.program.interpretation.touches import pushes_back, touched_at
 from caesura_service.program.program_segment import (
     ACROSS_M,
     ARRIVES_M,

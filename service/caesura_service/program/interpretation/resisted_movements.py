@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from caesura_service.program.interpretation.carried_loads import STANDS_S, as_carry_of
-from caesura_service.program.interpretation.contacts import touched_at
+from caesura_service.program.interpretation.touches import touched_at
 from caesura_service.program.program_segment import (
     ARRIVES_M,
     ENDS,

@@ -44,6 +44,7 @@ from caesura_service.program.interpretation.joined_strokes import (
 from caesura_service.program.interpretation.resisted_movements import with_resisted_movements
 from caesura_service.program.interpretation.spring_pulls import pulled
 from caesura_service.program.interpretation.supported_loads import with_supported_loads
+from caesura_service.program.interpretation.touches import with_touches
 from caesura_service.program.program_segment import (
     ROUNDED_S,
     Context,
@@ -100,6 +101,7 @@ def kept_steps(
         as_one_hold,
         with_bases,
         with_supported_loads,
+        with_touches,
         partial(_with_short_movements, short=short),
         with_whole_movements,
         with_last_ways,

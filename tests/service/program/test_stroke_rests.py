@@ -191,6 +191,40 @@ def test_the_way_to_a_touch_is_no_part_of_a_slide_that_only_pushes_in(
     assert [app.segments for app in made] == parts
 
 
+@pytest.mark.parametrize(
+    ("until", "way_m", "parts"),
+    [
+        pytest.param(2.5, 0.012, [(0,), (1, 2, 3)], id="a landing"),
+        pytest.param(2.5, 0.018, [(0,), (1, 2, 3)], id="a landing with a longer skid"),
+        pytest.param(2.5, 0.03, [(0,), (1, 2), (3,)], id="a stroke"),
+        pytest.param(2.8, 0.012, [(0,), (1, 2), (3,)], id="it lasts"),
+    ],
+)
+def test_a_skid_at_the_end_of_a_landing_is_part_of_the_rest_in_which_it_ends(
+    until: float, way_m: float, parts: list[tuple[int, ...]]
+) -> None:
+    """A hand skids 12 mm with 6 N, comes to rest and presses with 11 N. Its robot skids 9 mm.
+
+    The program pressed with 11 N as an app of its own, and that of its run in a rest of the stroke.
+    """
+    skid = {"position_start": (0.0, 0.0, 0.21), "position_end": (way_m, 0.0, 0.2)}
+    still = {"position_start": (way_m, 0.0, 0.2), "position_end": (way_m, 0.0, 0.2)}
+
+    def at(t: float) -> Moment:
+        push_n = 0.0 if t < 2.1 else 6.0 if t < until else 11.0 if t < 3.8 else 16.0
+        way = min(max((t - 2.05) / (until - 2.05), 0.0), 1.0)
+        return replace(drifted(t, pushed_n=push_n), position=(way_m * way, 0.0, 0.202 - 0.002 * way))
+
+    made = program(
+        segment("motion", 0.0, 2.0, position_end=(0.0, 0.0, 0.21)),
+        segment("sliding", 2.0, until, **held(6.0), **skid),
+        segment("contact", until, 3.8, **held(11.0), **still),
+        segment("sliding", 3.8, 5.0, **held(16.0), **ACROSS),
+        at=at,
+    )
+    assert [app.segments for app in made] == parts
+
+
 def test_the_force_of_a_stroke_is_measured_in_the_axes_of_a_tool_that_turns() -> None:
     """It is 10 N along the tool, which turns from -40 to 40 degrees: its median in the base frame is less."""
 

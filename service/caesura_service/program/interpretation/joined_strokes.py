@@ -1,7 +1,8 @@
 """The parts of a stroke: its rests and its ends.
 
 - A rest at either end of a stroke or of a turn in contact is part of it, however short. It has a force of its
-  own if it lasts for half a second. A rest with another force before or after it is a press of its own.
+  own if it lasts for half a second. A rest with another force before or after it is a press of its own. A
+  short skid at the end of a landing is part of the rest after it.
 - A short slide or a tilt beside a stroke is an end of it, if it has the stroke's force.
 - The last centimetres before a contact are the end of the movement into it, the last one before a rest too.
 - A turn in contact that continues about its axis without a stop is one turn.
@@ -32,11 +33,13 @@ from caesura_service.program.forces.stroke_forces import (
     stroke_force,
     tool_forces,
 )
+from caesura_service.program.interpretation.touches import pushes_back
 from caesura_service.program.program_segment import (
     OBSERVED_S,
     PUSHES_BACK_N,
     ROUNDED_S,
     STOPS_SHARE,
+    TOUCHED_S,
     UNLIKE_N,
     Context,
     MomentAt,
@@ -126,15 +129,16 @@ def _one_with(
 def with_rests(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
     """Return the steps, each stroke with the rests at its ends.
 
-    Rests between two strokes end the first, unless they are pressed as the second is and not as the first.
+    A hand that lands may skid: that is a rest, too. Rests between two strokes end the first, unless they are
+    pressed as the second is and not as the first.
     """
     joined: list[ProgramSegment] = []
     begins: tuple[ProgramSegment, ...] = ()
     moment_at = context.moment_at
     runs = [
         (rests, level)
-        for rests, run in groupby(steps, key=lambda step: _rests(step, context))
-        for level in (_levels(run, moment_at) if rests else [tuple(run)])
+        for rests, run in groupby(steps, key=lambda step: _rests(step, context) or _skids(step, context))
+        for level in (_levels(run, context) if rests else [tuple(run)])
     ]
     for (rests, run), (_, following) in zip_longest(runs, runs[1:], fillvalue=(False, ())):
         last = joined[-1] if joined else None
@@ -199,8 +203,11 @@ def stands(step: ProgramSegment) -> bool:
 
 def only_touches(step: ProgramSegment, moment_at: MomentAt) -> bool:
     """Return whether a step ends in a contact and presses for less than a rest with a force of its own."""
-    if not step.arrives:
-        return False
+    return step.arrives and _presses_briefly(step, moment_at)
+
+
+def _presses_briefly(step: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Return whether something pushes back in a step for less than a rest with a force of its own."""
     pushes = np.count_nonzero(tool_forces([step], moment_at).n >= PUSHES_BACK_N)
     return bool(OBSERVED_S * pushes < STROKE_REST_S - ROUNDED_S)
 
@@ -249,6 +256,20 @@ def _rests(step: ProgramSegment, context: Context) -> bool:
     return not context.fingers_move(segment.t0, segment.tn)
 
 
+def _skids(step: ProgramSegment, context: Context) -> bool:
+    """Whether a step is the end of a landing: a short slide from a touch on, in which the force still rises.
+
+    As an end of a stroke it is shorter than `DECAY_REACH_M`, and pushes nothing in.
+    """
+    segment = step.segment
+    if segment.corrected or segment.kind != "sliding" or context.fingers_move(segment.t0, segment.tn):
+        return False
+    if step.moved_m >= DECAY_REACH_M or step.pushed_in >= INSERTED_M:
+        return False
+    lands = not pushes_back(step, context.moment_at)(segment.t0 - TOUCHED_S)
+    return lands and _presses_briefly(step, context.moment_at)
+
+
 def _belong(rests: Sequence[ProgramSegment], stroke: ProgramSegment, moment_at: MomentAt) -> bool:
     """Return whether `stroke` is a stroke, and the rests beside it press to the same side of the tool."""
     if not _is_stroke(stroke):
@@ -279,12 +300,15 @@ def _length_of(steps: Sequence[ProgramSegment], belongs: Callable[[ProgramSegmen
     return len(list(takewhile(belongs, reversed(steps))))
 
 
-def _levels(run: Iterable[ProgramSegment], moment_at: MomentAt) -> list[tuple[ProgramSegment, ...]]:
-    """Return consecutive rests, divided where a lasting one has another force than those before it."""
+def _levels(run: Iterable[ProgramSegment], context: Context) -> list[tuple[ProgramSegment, ...]]:
+    """Return consecutive rests, divided where a lasting one has another force than those before it.
+
+    The end of a landing has no force of its own.
+    """
     levels: list[tuple[ProgramSegment, ...]] = []
     before = NO_FORCES
     for rest in run:
-        felt = tool_forces([rest], moment_at)
+        felt = NO_FORCES if _skids(rest, context) else tool_forces([rest], context.moment_at)
         here = _level_n([rest], felt)
         there = _level_n(levels[-1], before) if levels and here is not None else None
         if levels and (here is None or there is None or abs(here - there) < UNLIKE_N):

@@ -14,6 +14,7 @@ from service.program.segments import (
     ACROSS,
     DRIFT_N,
     GRASP,
+    OFF,
     RELEASE,
     drifted,
     forces_of,
@@ -498,3 +499,27 @@ def test_an_object_that_its_support_carries_as_the_fingers_open_was_set_down() -
         ("gripper_move", 3.0, 4.4),
     ]
     assert made[-1].force_taught == pytest.approx((0.0, 0.0, -9.8), abs=0.1)
+
+
+def test_what_pushes_back_on_the_last_way_to_a_contact_is_no_bias_of_the_sensor() -> None:
+    """A hand skidded 10 mm with 4 N, which was inferred as a movement in the air, and pressed with 9 N.
+
+    The program pressed with 5 N.
+    """
+
+    def at(t: float) -> Moment:
+        skidded = 0.01 * min(max((t - 2.0) / 0.4, 0.0), 1.0)
+        push_n = 0.0 if t < 2.0 or t > 4.0 else 4.0 if t < 2.4 else 9.0
+        return replace(drifted(t, pushed_n=push_n), position=(skidded, 0.0, 0.1 * max(2.0 - t, t - 4.0, 0.0)))
+
+    made = program(
+        segment("motion", 0.0, 2.0, position_start=(0.0, 0.0, 0.2), position_end=(0.0, 0.0, 0.0)),
+        segment("motion", 2.0, 2.4, position_start=(0.0, 0.0, 0.0), position_end=(0.01, 0.0, 0.0)),
+        segment(
+            "contact", 2.4, 4.0, **held(9.0), position_start=(0.01, 0.0, 0.0), position_end=(0.01, 0.0, 0.0)
+        ),
+        segment("motion", 4.0, 6.0, **OFF),
+        at=at,
+    )
+    press = next(app for app in made if app.kind == "apply_force")
+    assert forces_of(press) == pytest.approx([9.0], abs=0.5)

@@ -107,7 +107,8 @@ def set_down(
 
     A load keeps its weight, and in the air nothing resists a movement. So a change of `UNLIKE_N`, more than a
     bias can account for, is a touch. In a rest directly before a contact, `PUSHES_BACK_N` along its force is
-    one, as in a rest after it. A load that weighs more has been lifted off its support: no touch.
+    one, as in a rest after it. So it is in a movement below `DECAY_REACH_M`: a bias hardly changes there. A
+    load that weighs more has been lifted off its support: no touch.
     """
     segment = step.segment
     waits = segment.kind == "steady" or (segment.kind == "motion" and may_press_in(step))
@@ -120,7 +121,8 @@ def set_down(
     if _is_lifted(step, changed, context):
         return step
     touching = _touching(direction(changed), UNLIKE_N, base, step, forces, context)
-    if touching.touches or segment.motion != "steady" or ahead is None or not ahead.touches:
+    stays = segment.motion == "steady" or step.moved_m < DECAY_REACH_M
+    if touching.touches or not stays or ahead is None or not ahead.touches:
         return touching
     normal = direction(replace(ahead, base=base).force)
     return _touching(normal, PUSHES_BACK_N, base, step, forces, context)

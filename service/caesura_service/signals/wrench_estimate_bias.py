@@ -92,8 +92,8 @@ class BiasTracker:
         share = self._free_probability(off, uncertain + scale2, force)
         if share == 0.0:
             return BiasState(coefficients, covariance, direction, position, state.weight, state.squares)
-        told = renewed * self.weight
-        gain = share * told / (told * uncertain + scale2) * projected
+        weight = renewed * self.weight
+        gain = share * weight / (weight * uncertain + scale2) * projected
         return BiasState(
             coefficients + np.outer(gain, off),
             covariance - np.outer(gain, projected),

@@ -112,7 +112,7 @@ def test_default_without_a_principle_is_a_preset_too():
         (("--suite", "teacher", "--robot", "ur5"), "'ur5' is not known, expected one of"),
         (
             ("--suite", "real", "--robot", "ur5e"),
-            "--robot ur5e is for a --suite of ['teacher', 'skills', 'hand', 'roundtrip']",
+            "--robot ur5e is for a --suite of ['teacher', 'skills', 'hand', 'estimates', 'roundtrip']",
         ),
         ((BUTTON, "--robot", "ur5e"), "--robot ur5e is for a --suite of"),
         ((BUTTON, "--speed", "optimal"), "--speed optimal is for --suite roundtrip"),

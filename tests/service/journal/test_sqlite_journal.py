@@ -585,9 +585,9 @@ def test_a_refusal_keeps_no_frames_of_those_before(path):
         journal.append(record(0), now=True)
         grow_no_more(journal)
         lengths = []
-        for seq in range(100):
-            journal.append(record(seq))
-        with pytest.raises(JournalError):
+        with pytest.raises(JournalError):  # at an append, if the writer has tried before
+            for seq in range(100):
+                journal.append(record(seq))
             journal.commit()
         for _ in range(100):
             with pytest.raises(JournalError) as refusal:

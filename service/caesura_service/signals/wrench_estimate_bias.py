@@ -3,14 +3,16 @@
 An estimate from joint torques has the error of the robot's model. One part wanders with the pose. Another one
 is the joints' friction, which depends on the direction of the movement and stays where the arm stops (Dahl,
 "A solid friction model", 1968). A robot without a hand on it is in contact or not, so every force is drawn
-from a mixture of two densities:
+from one of these densities:
 
-    p(F) = π N(Xᵀφ, (φᵀPφ + b²) I) + (1 − π) N(0, c² I)
+    N(Xᵀφ, (φᵀPφ + b²) I)               in free space
+    N(0, c² I)                          in a contact that begins
+    (1 − q) N(0, c² I) + q N(F′, f² I)  in a contact that goes on, after the force F′
 
-free space with scale b, whose mean is a bias and the friction of a direction u, or contact with a broad scale
-c. φ = (1, u), and the columns of X have the posterior covariance P in common. A step of length Δ in direction
-d renews the share h = 1 − exp(−Δ/s) of the friction, with the presliding distance s: u becomes u + h (d − u).
-With the probability r of free space,
+The mean of free space is a bias and the friction of a direction u: φ = (1, u), and the columns of X have the
+posterior covariance P in common. Contact and free space are a Markov chain that stays with probability q. A
+step of length Δ in direction d renews the share h = 1 − exp(−Δ/s) of the friction, with the presliding
+distance s: u becomes u + h (d − u). With the probability r of free space, given the forces so far,
 
     X ← X + r g (F − Xᵀφ)ᵀ,   P ← P − r g φᵀP,   g = Pφ / (φᵀPφ + b²/(h w))
     b² = (ν b0² + w Σ r |F − Xᵀφ|²) / (ν + 3 w Σ r)
@@ -42,14 +44,17 @@ MOST_LOG_ODDS = 500.0  # against free space, beyond which a force says nothing o
 class BiasState(NamedTuple):
     """The posterior of bias and friction, and sums over the observations so far.
 
-    coefficients: X (4, 3) [N]; covariance: P (4, 4) [N²]; direction: u (3,); position (3,) [m] of the last
-    observation; None before the first one. weight: Σ r; squares: Σ r |F − Xᵀφ|² [N²].
+    coefficients: X (4, 3) [N]; covariance: P (4, 4) [N²]; direction: u (3,); position (3,) [m] and force (3,)
+    [N] of the last observation; None before the first one. free: r; weight: Σ r; squares: Σ r |F − Xᵀφ|²
+    [N²].
     """
 
     coefficients: Array | None = None
     covariance: Array | None = None
     direction: Array | None = None
     position: Array | None = None
+    force: Array | None = None
+    free: float = 1.0
     weight: float = 0.0
     squares: float = 0.0
 
@@ -58,15 +63,15 @@ class BiasState(NamedTuple):
 class BiasTracker:
     """Two-component mixture of a force: free space with bias and friction, and contact.
 
-    scale_n [N]: b0, and of an axis of the bias; friction_n [N]: of an entry of the friction; presliding_m [m]
-    s; contact_n [N] c; free_share π; prior_scale ν [observations]; weight w.
+    scale_n [N]: b0, and of an axis of the bias; friction_n [N]: f, and of an entry of the friction;
+    presliding_m [m] s; contact_n [N] c; stays q; prior_scale ν [observations]; weight w.
     """
 
     scale_n: float
     friction_n: float = 3.0  # the error of an estimate, as robots are reported to have it
     presliding_m: float = 0.002
     contact_n: float = 10.0
-    free_share: float = 0.5
+    stays: float = 0.95  # 2 s on average
     prior_scale: float = 10.0
     weight: float = 0.1
 
@@ -89,18 +94,17 @@ class BiasTracker:
         projected = covariance @ regressors
         uncertain = float(regressors @ projected)
         off = force - regressors @ coefficients
-        share = self._free_probability(off, uncertain + scale2, force)
+        share = self._free_probability(state, off, uncertain + scale2, force)
+        moved = state._replace(direction=direction, position=position, force=force, free=share)
         if share == 0.0:
-            return BiasState(coefficients, covariance, direction, position, state.weight, state.squares)
+            return moved._replace(coefficients=coefficients, covariance=covariance)
         weight = renewed * self.weight
         gain = share * weight / (weight * uncertain + scale2) * projected
-        return BiasState(
-            coefficients + np.outer(gain, off),
-            covariance - np.outer(gain, projected),
-            direction,
-            position,
-            state.weight + share,
-            state.squares + share * float(off @ off),
+        return moved._replace(
+            coefficients=coefficients + np.outer(gain, off),
+            covariance=covariance - np.outer(gain, projected),
+            weight=state.weight + share,
+            squares=state.squares + share * float(off @ off),
         )
 
     def _direction(self, state: BiasState, position: Array) -> tuple[Array, float]:
@@ -120,9 +124,19 @@ class BiasTracker:
         scale = math.sqrt(squares / (self.prior_scale + AXES * self.weight * state.weight))
         return min(max(scale, LEAST_SCALE_N), 0.5 * self.contact_n)
 
-    def _free_probability(self, off: Array, variance: float, force: Array) -> float:
+    def _free_probability(self, state: BiasState, off: Array, variance: float, force: Array) -> float:
         """Return r; off: the force minus the mean of free space; variance: of an axis in free space [N²]."""
-        free = math.log(self.free_share) - 0.5 * (AXES * math.log(variance) + float(off @ off) / variance)
-        touched = math.log1p(-self.free_share) - AXES * math.log(self.contact_n)
-        touched -= 0.5 * float(force @ force) / self.contact_n**2
+        was_free, stays = state.free, self.stays
+        free = math.log(was_free * stays + (1.0 - was_free) * (1.0 - stays)) + _log_density(off, variance)
+        lasting = (1.0 - was_free) * stays
+        anew = (was_free + lasting) * (1.0 - stays)
+        touched = math.log(anew) + _log_density(force, self.contact_n**2)
+        if state.force is not None and lasting > 0.0:
+            goes_on = _log_density(force - state.force, self.friction_n**2)
+            touched = float(np.logaddexp(touched, math.log(lasting * stays) + goes_on))
         return 1.0 / (1.0 + math.exp(touched - free)) if touched - free < MOST_LOG_ODDS else 0.0
+
+
+def _log_density(off: Array, variance: float) -> float:
+    """Return the log density of a normal distribution with this variance of each axis, but for a constant."""
+    return -0.5 * (AXES * math.log(variance) + float(off @ off) / variance)

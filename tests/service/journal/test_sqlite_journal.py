@@ -579,16 +579,21 @@ def test_the_outcome_of_a_session_that_was_dropped_is_not_that_of_the_next_one_o
         assert journal.outcome(STATION, NAME) is None
 
 
+def append_and_commit(journal, numbers):
+    """Append records; on a full disk an append is refused where the writer has tried before."""
+    for seq in numbers:
+        journal.append(record(seq))
+    journal.commit()
+
+
 def test_a_refusal_keeps_no_frames_of_those_before(path):
     """One error was raised for every refused batch, and kept the frames of all: megabytes a second."""
     with SqliteJournal(path) as journal:
         journal.append(record(0), now=True)
         grow_no_more(journal)
         lengths = []
-        with pytest.raises(JournalError):  # at an append, if the writer has tried before
-            for seq in range(100):
-                journal.append(record(seq))
-            journal.commit()
+        with pytest.raises(JournalError):
+            append_and_commit(journal, range(100))
         for _ in range(100):
             with pytest.raises(JournalError) as refusal:
                 journal.append(record(0, "another"))

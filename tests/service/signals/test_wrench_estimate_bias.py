@@ -40,6 +40,7 @@ def test_every_step_is_the_posterior_of_the_two_components_by_scipy() -> None:
     forces[10:15] += [0.0, 0.0, 15.0]
     coefficients, covariance = np.zeros((4, 3)), np.diag([1.5**2, 9.0, 9.0, 9.0])
     weight, squares, state, direction, renewed = 0.0, 0.0, BiasState(), np.zeros(3), 0.0
+    share, before = 1.0, np.zeros(3)
     for i, force in enumerate(forces):
         if i:
             step = path[i] - path[i - 1]
@@ -50,8 +51,12 @@ def test_every_step_is_the_posterior_of_the_two_components_by_scipy() -> None:
         variance = min(max((10 * 1.5**2 + 0.1 * squares) / (10 + 0.3 * weight), 1.0), 25.0)
         uncertain = regressors @ covariance @ regressors
         free = multivariate_normal(regressors @ coefficients, (uncertain + variance) * np.eye(3)).pdf(force)
-        touched = multivariate_normal(np.zeros(3), 100.0 * np.eye(3)).pdf(force)
-        share = free / (free + touched)
+        begins = multivariate_normal(np.zeros(3), 100.0 * np.eye(3)).pdf(force)
+        goes_on = 0.05 * begins + 0.95 * multivariate_normal(before, 9.0 * np.eye(3)).pdf(force)
+        was_free = share * np.array([0.95 * free, 0.05 * begins])
+        was_touched = (1.0 - share) * np.array([0.05 * free, 0.95 * goes_on])
+        share = (was_free + was_touched)[0] / (was_free + was_touched).sum()
+        before = force
         gain = share * 0.1 * renewed * covariance @ regressors / (0.1 * renewed * uncertain + variance)
         off = force - regressors @ coefficients
         coefficients = coefficients + np.outer(gain, off)
@@ -66,7 +71,7 @@ def test_every_step_is_the_posterior_of_the_two_components_by_scipy() -> None:
 
 
 def test_in_free_space_bias_and_friction_are_those_of_a_regression_over_the_whole_path() -> None:
-    tracker = BiasTracker(scale_n=1.0, free_share=1.0 - 1e-15)
+    tracker = BiasTracker(scale_n=1.0, stays=1.0 - 1e-15)
     rng = np.random.default_rng(4)
     path = wandering(rng, 200)
     friction = rng.normal(scale=2.0, size=(3, 3))
@@ -124,6 +129,16 @@ def test_the_friction_of_a_movement_is_no_contact_and_has_the_other_sign_on_the_
     assert TRACKER.estimate(back)[0] @ friction < 0.0
 
 
+def test_a_slide_that_leaves_a_rest_in_contact_is_no_friction() -> None:
+    """Its direction is new, so 8 N were free space within half a second, and three slides were lost."""
+    pressed, along = np.array([0.0, 0.0, 8.0]), np.array([0.002, 0.0, 0.0])
+    path = np.cumsum([DOWN] * 10 + [np.zeros(3)] * 10 + [along] * 40, axis=0)
+    forces = np.array([np.zeros(3)] * 10 + [pressed] * 10 + [pressed - [2.4, 0.0, 0.0]] * 40)
+    there, slid = after(forces[:20], path=path[:20]), after(forces, path=path)
+    assert slid.weight - there.weight < 0.5  # of 40 observations
+    assert np.linalg.norm(TRACKER.estimate(slid)[0]) < 0.5
+
+
 def test_friction_stays_where_the_arm_stops() -> None:
     path = np.cumsum([DOWN] * 30, axis=0)
     forces = np.tile([2.0, 0.0, -4.0], (30, 1))
@@ -147,8 +162,10 @@ def test_a_force_beyond_any_scale_is_contact_and_teaches_nothing(newton: float) 
     state = after(np.tile(DRIFT_N, (5, 1)))
     with np.errstate(over="ignore"):
         beyond = TRACKER.advance(state, np.array([0.0, 0.0, newton]), np.zeros(3))
-    for was, now in zip(state, beyond, strict=True):
-        np.testing.assert_array_equal(was, now)
+        again = TRACKER.advance(beyond, np.array([0.0, 0.0, -newton]), np.zeros(3))
+    assert (beyond.free, again.free) == (0.0, 0.0)
+    for name in ("coefficients", "covariance", "direction", "weight", "squares"):
+        np.testing.assert_array_equal(getattr(state, name), getattr(again, name))
 
 
 def test_a_long_rest_does_not_make_the_error_of_a_movement_a_contact() -> None:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Callable, Iterable
+from itertools import islice
 
 from pydantic import ValidationError
 
 from caesura_protocol.keys import NAME_PATTERN, NAME_WORDS
 
 Place = tuple[int | str, ...]
+MOST_READ = 1000  # characters of a text in which those that cannot be seen are sought; of a name, any number
+MOST_NAMED = 5  # of those characters
 
 #: What a validator writes, and how an error states it; in this order.
 _PLAIN = (
@@ -70,12 +73,14 @@ def first_finding(
 
 
 def _unseen(text: str, pattern: str) -> str:
-    """Return the invisible characters of a text that a pattern refuses, by their code points and names."""
+    """Return the first invisible characters of a text that a pattern refuses, by code points and names."""
+    text = text[:MOST_READ]
     unseen = [one for one in dict.fromkeys(text) if not one.isprintable()]
     # Each without the others: a joiner is refused by its place, which all that is seen states.
-    refused = [one for one in unseen if not re.fullmatch(pattern, _with_alone(text, one))] or unseen
+    refused = (one for one in unseen if not re.fullmatch(pattern, _with_alone(text, one)))
+    named = list(islice(refused, MOST_NAMED)) or unseen[:MOST_NAMED]
     return ", ".join(
-        f"U+{ord(one):04X} ({unicodedata.name(one, 'control character').lower()})" for one in refused
+        f"U+{ord(one):04X} ({unicodedata.name(one, 'control character').lower()})" for one in named
     )
 
 

@@ -67,3 +67,13 @@ def test_a_joiner_that_only_makes_equal_names_differ_is_refused(name: str) -> No
 
 def test_a_text_becomes_a_line_with_a_space_for_each_character_that_is_refused() -> None:
     assert as_line("علی\u200cرضا\u202e\npi\u200dck") == "علی\u200cرضا  pi ck"
+
+
+def test_of_many_characters_that_cannot_be_seen_the_first_are_named_without_delay() -> None:
+    """A station's name of 40 kB took minutes to refuse, and the error was a megabyte long."""
+    with pytest.raises(ValidationError) as refused:
+        Named.model_validate({"station": "".join(map(chr, range(0xE000, 0xF8FF))) + "a" * 20_000})
+    said = first_finding(refused.value)
+    assert said.endswith(
+        f"leave out {', '.join(f'U+{0xE000 + i:04X} (control character)' for i in range(5))}"
+    )

@@ -96,4 +96,5 @@ def beside(steps: Generator[None, None, None], name: str) -> Iterator[None]:
 
 
 def _printable(why: str) -> str:
-    return as_line(why)[:MAX_STATUS_TEXT] or "damaged"
+    """Return a reason as the text of a status. It is cut first: a joiner needs the character after it."""
+    return as_line(why[:MAX_STATUS_TEXT]) or "damaged"

@@ -61,7 +61,7 @@ class BiasState(NamedTuple):
 
 @dataclass(frozen=True)
 class BiasTracker:
-    """Two-component mixture of a force: free space with bias and friction, and contact.
+    """Free space with bias and friction, and contact, as a Markov chain.
 
     scale_n [N]: b0, and of an axis of the bias; friction_n [N]: f, and of an entry of the friction;
     presliding_m [m] s; contact_n [N] c; stays q; prior_scale ν [observations]; weight w.

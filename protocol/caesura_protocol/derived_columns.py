@@ -87,7 +87,8 @@ class DerivedColumns:
 
     def _rotations(self, quaternions: Array) -> Array:
         if self.first_orientation is None and self._has_beginning:
-            for x, y, z, w in quaternions[np.linalg.norm(quaternions, axis=1) > NORM_TOLERANCE][:1].tolist():
+            lengths = np.linalg.norm(quaternions, axis=1)
+            for x, y, z, w in quaternions[np.isfinite(lengths) & (lengths > NORM_TOLERANCE)][:1].tolist():
                 self.first_orientation = x, y, z, w
         if self.first_orientation is None:
             return np.full((len(quaternions), 3), np.nan)

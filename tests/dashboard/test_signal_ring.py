@@ -104,6 +104,16 @@ def test_a_live_session_turns_as_its_journal_does():
         assert np.array_equal(unpack_points(live)[name], unpack_points(kept)[name]), name
 
 
+@pytest.mark.parametrize("value", [np.inf, np.nan, 1e200])
+def test_a_first_quaternion_of_no_length_does_not_blank_the_rotations(value):
+    """Of the ring the service has not refused it yet; one was the first orientation of the whole session."""
+    ring, matrix = SignalRing(), turning(2.0, 1000.0)
+    matrix[0, 4:8] = value
+    with np.errstate(over="ignore", invalid="ignore"):
+        sent(ring, matrix, columns=TURNING_COLUMNS)
+    assert unpack_points(read(ring))["rotation_z"].size
+
+
 def test_who_joins_late_has_rotations_once_the_first_orientation_is_known():
     ring, matrix = SignalRing(), turning(30.0, 1000.0)
     kept = recorded(matrix, TURNING_COLUMNS)

@@ -225,6 +225,24 @@ def test_a_skid_at_the_end_of_a_landing_is_part_of_the_rest_in_which_it_ends(
     assert [app.segments for app in made] == parts
 
 
+def test_a_skid_that_leads_into_a_stroke_without_a_rest_keeps_its_way() -> None:
+    """It was a rest of the stroke, and 18 mm of its way were lost."""
+    skid = {"position_start": (0.0, 0.0, 0.21), "position_end": (0.018, 0.0, 0.2)}
+
+    def at(t: float) -> Moment:
+        way = min(max((t - 2.05) / 0.45, 0.0), 1.0)
+        push_n = 0.0 if t < 2.1 else 6.0 if t < 2.5 else 16.0
+        return replace(drifted(t, pushed_n=push_n), position=(0.018 * way, 0.0, 0.202 - 0.002 * way))
+
+    made = program(
+        segment("motion", 0.0, 2.0, position_end=(0.0, 0.0, 0.21)),
+        segment("sliding", 2.0, 2.5, **held(6.0), **skid),
+        segment("sliding", 2.5, 4.0, **held(16.0), **ACROSS),
+        at=at,
+    )
+    assert [app.segments for app in made] == [(0,), (1,), (2,)]
+
+
 def test_the_force_of_a_stroke_is_measured_in_the_axes_of_a_tool_that_turns() -> None:
     """It is 10 N along the tool, which turns from -40 to 40 degrees: its median in the base frame is less."""
 

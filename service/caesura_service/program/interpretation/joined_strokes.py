@@ -14,6 +14,7 @@ import math
 from collections.abc import Callable, Iterable, MutableMapping, Sequence
 from dataclasses import replace
 from itertools import dropwhile, groupby, pairwise, takewhile, zip_longest
+from operator import itemgetter
 
 import numpy as np
 
@@ -129,17 +130,19 @@ def _one_with(
 def with_rests(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
     """Return the steps, each stroke with the rests at its ends.
 
-    A hand that lands may skid: that is a rest, too. Rests between two strokes end the first, unless they are
-    pressed as the second is and not as the first.
+    A hand that lands may skid before it rests: that is a part of the rest. Rests between two strokes end the
+    first, unless they are pressed as the second is and not as the first.
     """
     joined: list[ProgramSegment] = []
     begins: tuple[ProgramSegment, ...] = ()
     moment_at = context.moment_at
-    runs = [
-        (rests, level)
-        for rests, run in groupby(steps, key=lambda step: _rests(step, context) or _skids(step, context))
-        for level in (_levels(run, context) if rests else [tuple(run)])
-    ]
+    resting = [_rests(step, context) for step in steps]
+    followed = zip(steps, resting, [*resting, False][1:], strict=True)
+    at_rest = [rests or (rest_follows and _skids(step, context)) for step, rests, rest_follows in followed]
+    runs: list[tuple[bool, tuple[ProgramSegment, ...]]] = []
+    for rests, pairs in groupby(zip(steps, at_rest, strict=True), key=itemgetter(1)):
+        run = tuple(step for step, _ in pairs)
+        runs += [(rests, level) for level in (_levels(run, context) if rests else [run])]
     for (rests, run), (_, following) in zip_longest(runs, runs[1:], fillvalue=(False, ())):
         last = joined[-1] if joined else None
         presses = last is not None and last.touches and not _is_stroke(last)

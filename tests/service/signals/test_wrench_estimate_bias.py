@@ -221,7 +221,7 @@ def test_presses_are_found_in_an_estimate_without_a_hand_though_its_bias_drifts(
 
 
 def test_friction_of_3_n_is_no_contact_and_hides_none() -> None:
-    """Five of its seven movements slid, as long as the tracker knew no friction."""
+    """Four of its movements slid before friction was tracked."""
     recording = load_recording(BUTTON)
     kinds = estimated(recording, friction(recording, 3.0))
     assert kinds.count("contact") == 3

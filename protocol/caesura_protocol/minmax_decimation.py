@@ -74,15 +74,11 @@ def between(some: Extremes, first: int, last: int) -> Extremes:
     return _chosen(some, inside)
 
 
-def columns_between(some: Extremes, first: int, last: int, columns: Sequence[int]) -> Extremes:
-    """Return some columns of the bins from number `first` to `last`, both included.
-
-    All columns, in their order, share the memory of the given ones.
-    """
-    inside = slice(*np.searchsorted(some.number, (first, last + 1)))
-    every = list(columns) == list(range(some.low.shape[1]))
-    t_low, low, t_high, high = (part[inside] if every else part[inside, columns] for part in some[1:])
-    return Extremes(some.number[inside], t_low, low, t_high, high)
+def of_columns(some: Extremes, columns: Sequence[int]) -> Extremes:
+    """Return the bins of some columns; of all columns in their order, the bins as they are."""
+    if list(columns) == list(range(some.low.shape[1])):
+        return some
+    return Extremes(some.number, *(part[:, columns] for part in some[1:]))
 
 
 def _reduced(some: Extremes) -> Extremes:

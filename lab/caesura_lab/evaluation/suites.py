@@ -246,6 +246,10 @@ class ChangedCase(ABC):
     @abstractmethod
     def _changed(self, recording: Recording, truth: Truth) -> tuple[Recording, Truth]: ...
 
+    def _chance(self) -> np.random.Generator:
+        """Return random numbers that depend only on the unchanged case's name."""
+        return np.random.default_rng(crc32(self.case.name.encode()))
+
 
 def _in_metres(recording: Recording) -> Recording:
     """Return the recording with its positions in metres."""
@@ -256,25 +260,18 @@ def _in_metres(recording: Recording) -> Recording:
 
 
 class PoorerCase(ChangedCase):
-    """A case with the sensors of one of CONDITIONS and unchanged truth.
-
-    Random numbers depend only on the recording's name.
-    """
+    """A case with the sensors of one of CONDITIONS and unchanged truth."""
 
     def _changed(self, recording: Recording, truth: Truth) -> tuple[Recording, Truth]:
-        rng = np.random.default_rng(crc32(self.case.name.encode()))
-        return CONDITIONS[self.condition](_in_metres(recording), rng), truth
+        return CONDITIONS[self.condition](_in_metres(recording), self._chance()), truth
 
 
 class EstimateCase(ChangedCase):
-    """A case with an estimated wrench, by one of FRICTIONS, and without a hand.
-
-    Random numbers depend only on the case's name.
-    """
+    """A case with an estimated wrench, by one of FRICTIONS, and without a hand."""
 
     def _changed(self, recording: Recording, truth: Truth) -> tuple[Recording, Truth]:
-        rng = np.random.default_rng(crc32(self.case.name.encode()))
-        return as_estimate(recording, self.condition, rng), replace(truth, hand_in_wrench=False)
+        estimate = as_estimate(recording, self.condition, self._chance())
+        return estimate, replace(truth, hand_in_wrench=False)
 
 
 class OtherTempoCase(ChangedCase):

@@ -18,12 +18,13 @@ from caesura_protocol.keys import MAX_BINS, SampleRange
 from caesura_protocol.messages import MAX_HOLES, Gap, RecordedSamples
 from caesura_protocol.minmax_decimation import (
     Extremes,
+    between,
     bins_of,
     coarser,
-    columns_between,
     extremes_of,
     joined,
     nothing,
+    of_columns,
     packed,
     points_of,
 )
@@ -164,7 +165,7 @@ class SampleReader:
         every = int(np.ceil(bin_s / overview.bin_s * (1 - 1e-9)))
         first, last = bins_of(np.array([wanted.t0, wanted.tn]), overview.bin_s).tolist()
         begin, end = first // every * every, (last // every + 1) * every - 1
-        some = columns_between(overview.extremes(), begin, end, places)
+        some = of_columns(between(overview.extremes(), begin, end), places)
         return every * overview.bin_s, coarser(some, every)
 
     def _fresh(

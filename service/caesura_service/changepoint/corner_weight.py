@@ -35,12 +35,15 @@ class CornerWeight:
     γ(v) compensates the log evidence that a start at speed v costs a movement: `standing` + (`gamma` −
     `standing`) min(1, v²/`fast`²). At standstill this is the cost of any start: hazard, kind and burst. A
     movement that does not begin at rest has an additional cost for its speed. So a corner does not replace a
-    rest.
+    rest. v is the least speed from `chord` observations before the start to the last one: that at the bottom
+    of the dip. A start on the flank of a dip has no higher γ, so a movement that speeds up after a slow touch
+    does not begin a second time.
 
     gamma, standing [nats]; fast [unit] a step, 0 for `gamma` at any speed. pace [unit]: least step at a peak,
-    and least mean step of the straight section on either side, because a hand at rest has no corners.
-    channel: the position [m], or the rotation [rad], where a turn back, or a turn about another axis, is a
-    corner.
+    and least mean step of the straight section on either side, because a hand at rest has no corners. After
+    the start it is also the least mean step of the first `chord` observations: a hand that goes on later has
+    rested. channel: the position [m], or the rotation [rad], where a turn back, or a turn about another axis,
+    is a corner.
     """
 
     gamma: float
@@ -87,15 +90,17 @@ class CornerWeight:
         past: (memory, 3) the last values [unit]; chord, reach: in observations.
         """
         before, after = past[-2 - age] - past[-2 - age - chord], past[-1] - past[-1 - age]
-        lengths = np.sqrt((before**2).sum()), np.sqrt((after**2).sum())
+        begun = past[-1 - age + chord] - past[-1 - age]
+        lengths = [float(np.sqrt((way**2).sum())) for way in (before, after, begun)]
         steps = np.sqrt((np.diff(past[-2 - age - reach :], axis=0) ** 2).sum(axis=1))
         speed, peak = steps[reach], min(steps[:reach].max(), steps[reach + 1 :].max())
-        if min(peak, lengths[0] / chord, lengths[1] / age) <= self.pace:
+        if min(peak, lengths[0] / chord, lengths[1] / age, lengths[2] / chord) <= self.pace:
             return 0.0
         cosine = (before * after).sum() / (lengths[0] * lengths[1])
         turn = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
         dipped = (self.dip - speed / peak) / self.dip_width
-        flight = min(speed**2 / self.fast**2, 1.0) if self.fast else 1.0
+        slowest = float(steps[reach - chord :].min())
+        flight = min(slowest**2 / self.fast**2, 1.0) if self.fast else 1.0
         gamma = self.standing + (self.gamma - self.standing) * flight
         weight = gamma * self._turned(turn) * _logistic(dipped)
         if self.straight:

@@ -12,7 +12,13 @@ from scipy.stats import multivariate_t
 from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.channel_model_checks import rows_after
 from caesura_service.changepoint.corner_weight import CornerWeight
-from caesura_service.changepoint.default_presets import NORMAL_NU, SLOW, corner, guided_motion
+from caesura_service.changepoint.default_presets import (
+    NORMAL_NU,
+    SLOW,
+    corner,
+    corner_of_rotation,
+    guided_motion,
+)
 from caesura_service.changepoint.guided_motion import GuidedMotion
 
 CORNER = CornerWeight(gamma=30.0, pace=SLOW)
@@ -187,6 +193,32 @@ def test_a_corner_at_standstill_weighs_what_any_start_costs() -> None:
         rows = rows_after(corner, observed(bent(120.0, dip)))
         whole = weight_at(bent(120.0, dip), 7) / CORNER.gamma
         assert corner.log_evidence(rows)[7] == pytest.approx(gamma * whole, abs=1e-9)
+
+
+def speeding_up(turn_deg: float) -> np.ndarray:
+    """A path that slows down to a standstill, turns, and speeds up again as slowly; (n, 3) [m]."""
+    ahead = np.array([np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg)), 0.0])
+    sizes = STEP_M * np.array([1.0, 1.0, 1.0, 0.9, 0.6, 0.3, 0.05])
+    steps = [*sizes[:, None] * np.array([1.0, 0.0, 0.0]), *sizes[-2::-1, None] * ahead]
+    return np.cumsum([np.zeros(3), *steps], axis=0)
+
+
+def test_the_flank_of_a_dip_weighs_no_more_than_its_bottom() -> None:
+    """Where a hand that has stopped is at 30 mm/s again, a start had 1.4 times what a stop weighs."""
+    weights = corner().log_evidence(rows_after(corner(), observed(speeding_up(90.0))))
+    assert weights[7] == weights.max() > 0.9 * corner().standing
+    assert weights[8:].max() < corner().standing
+
+
+@pytest.mark.parametrize("rest", [1, 6])
+def test_a_corner_is_not_where_a_rest_begins_after_which_the_hand_turns(rest: int) -> None:
+    """Six steps ahead, a rest of so many observations, six steps aside: of a position, and of a rotation."""
+    steps = [*[(1.0, 0.0, 0.0)] * 6, *[(0.02, 0.02, 0.0)] * rest, *[(0.0, 1.0, 0.0)] * 6]
+    path = STEP_M * np.cumsum([np.zeros(3), *np.array(steps)], axis=0)
+    turns = [ModelInput(np.zeros(3), np.zeros(3), rotation=10.0 * rotation) for rotation in path]
+    for model, seen in ((corner(), observed(path)), (corner_of_rotation(), turns)):
+        began = model.log_evidence(rows_after(model, seen))[7]
+        assert began > 10.0 if rest == 1 else began == 0.0
 
 
 def cost_of_start(step_m: float) -> float:

@@ -79,9 +79,9 @@ def test_a_changepoint_that_an_operator_inserts_divides_the_app():
     walked = whole("parkour")
     first, *_ = walked.view.apps
     assert first.tn - first.t0 > 0.8
-    divided = with_one(walked, Insert(t=first.t0 + 0.45)).apps
+    divided = with_one(walked, Insert(t=first.t0 + 0.4)).apps
     assert len(divided) == len(walked.view.apps) + 1
-    assert divided[0].tn == divided[1].t0 == pytest.approx(first.t0 + 0.45, abs=STEP_S / 2 + 1e-9)
+    assert divided[0].tn == divided[1].t0 == pytest.approx(first.t0 + 0.4, abs=STEP_S / 2 + 1e-9)
     assert divided[1].tn == first.tn
 
 

@@ -165,23 +165,35 @@ def largest(values, first, last):
 
 
 @compiled
+def smallest(values, first, last):
+    """Return the smallest of the values from index `first` to `last`, the last not included."""
+    least = values[first]
+    for i in range(first + 1, last):
+        least = min(least, values[i])
+    return least
+
+
+@compiled
 def log_corner_weight(past, squared, age, chord, reach, channel):
     """Return `CornerWeight._log_weight`. squared: from `squared_steps`."""
     peak2 = min(largest(squared, 0, age), largest(squared, age + 1, age + 1 + reach))
     last, first = past.shape[0] - 1, past_column(channel)
     start = last - age
-    before2 = after2 = product = 0.0
+    before2 = after2 = begun2 = product = 0.0
     for a in range(first, first + AXES):
         before, after = past[start - 1, a] - past[start - 1 - chord, a], past[last, a] - past[start, a]
         before2 += before**2
         after2 += after**2
+        begun2 += (past[start + chord, a] - past[start, a]) ** 2
         product += before * after
     length_before, length_after = math.sqrt(before2), math.sqrt(after2)
-    if min(math.sqrt(peak2), length_before / chord, length_after / age) <= channel.pace:
+    slowest_way = min(length_before / chord, length_after / age, math.sqrt(begun2) / chord)
+    if min(math.sqrt(peak2), slowest_way) <= channel.pace:
         return 0.0
     turn = math.degrees(math.acos(min(max(product / (length_before * length_after), -1.0), 1.0)))
     dipped = (channel.dip - math.sqrt(squared[age] / peak2)) / channel.dip_width
-    flight = min(squared[age] / channel.fast2, 1.0) if channel.fast2 else 1.0
+    slowest2 = smallest(squared, 0, age + 1 + chord)
+    flight = min(slowest2 / channel.fast2, 1.0) if channel.fast2 else 1.0
     gamma = channel.standing + (channel.gamma - channel.standing) * flight
     weight = gamma * turned(turn, channel) * logistic(dipped)
     if channel.straight:

@@ -120,7 +120,7 @@ class _State(NamedTuple):
     waiting: tuple[FilteredRow, ...] = ()  # for the tare
     after_gap: bool = False
     rows: int = 0  # of the segmentation grid
-    bias: BiasState = BiasState()
+    bias: BiasState | None = None
     turned: Turned = Turned()  # by the last observation
     recent: RecentRows = RecentRows()  # of the last observations
 
@@ -377,7 +377,8 @@ class Conditioner:
             force, scale = row[self._columns.force], None
             if self._tracks_bias:
                 tracker = _TARED if tare.bias is not None else _UNTARED
-                bias = tracker.advance(bias, force, row[self._columns.position])
+                position = row[self._columns.position]
+                bias = tracker.advance(bias or tracker.initial_state(position), force, position)
                 mean, scale = tracker.estimate(bias)
                 force = force - mean
                 force.setflags(write=False)

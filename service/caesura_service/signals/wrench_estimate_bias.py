@@ -44,19 +44,18 @@ MOST_LOG_ODDS = 500.0  # against free space, beyond which a force says nothing o
 class BiasState(NamedTuple):
     """The posterior of bias and friction, and sums over the observations so far.
 
-    coefficients: X (4, 3) [N]; covariance: P (4, 4) [N²]; direction: u (3,); position (3,) [m] and force (3,)
-    [N] of the last observation; None before the first one. free: r; weight: Σ r; squares: Σ r |F − Xᵀφ|²
-    [N²].
+    coefficients: X (4, 3) [N]; covariance: P (4, 4) [N²]; regressors: φ (4,); position (3,) [m] and force
+    (3,) [N] of the last observation; free: r; weight: Σ r; squares: Σ r |F − Xᵀφ|² [N²].
     """
 
-    coefficients: Array | None = None
-    covariance: Array | None = None
-    direction: Array | None = None
-    position: Array | None = None
-    force: Array | None = None
-    free: float = 1.0
-    weight: float = 0.0
-    squares: float = 0.0
+    coefficients: Array
+    covariance: Array
+    regressors: Array
+    position: Array
+    force: Array
+    free: float
+    weight: float
+    squares: float
 
 
 @dataclass(frozen=True)
@@ -75,49 +74,53 @@ class BiasTracker:
     prior_scale: float = 10.0
     weight: float = 0.1
 
+    def initial_state(self, position: Array) -> BiasState:
+        """Return the state before the first observation, which is at this position (3,) [m]."""
+        return BiasState(
+            coefficients=np.zeros((1 + AXES, AXES)),
+            covariance=np.diag([self.scale_n**2, *[self.friction_n**2] * AXES]),
+            regressors=np.eye(1 + AXES)[0],
+            position=position,
+            force=np.zeros(AXES),
+            free=1.0,
+            weight=0.0,
+            squares=0.0,
+        )
+
     def estimate(self, state: BiasState) -> tuple[Array, float]:
         """Return the mean (3,) and the scale of free space [N], from the observations so far."""
-        if state.coefficients is None or state.direction is None:
-            return np.zeros(AXES), self._scale_n(state)
-        mean: Array = np.r_[1.0, state.direction] @ state.coefficients
+        mean: Array = state.regressors @ state.coefficients
         return mean, self._scale_n(state)
 
     def advance(self, state: BiasState, force: Array, position: Array) -> BiasState:
         """Return the state after a force (3,) [N], tared, at a position (3,) [m]."""
-        coefficients, covariance = state.coefficients, state.covariance
-        if coefficients is None or covariance is None:
-            coefficients = np.zeros((1 + AXES, AXES))
-            covariance = np.diag([self.scale_n**2, *[self.friction_n**2] * AXES])
-        direction, renewed = self._direction(state, position)
-        regressors = np.r_[1.0, direction]
+        regressors, renewed = self._regressors(state, position)
         scale2 = self._scale_n(state) ** 2
-        projected = covariance @ regressors
+        projected = state.covariance @ regressors
         uncertain = float(regressors @ projected)
-        off = force - regressors @ coefficients
+        off = force - regressors @ state.coefficients
         share = self._free_probability(state, off, uncertain + scale2, force)
-        moved = state._replace(direction=direction, position=position, force=force, free=share)
+        moved = state._replace(regressors=regressors, position=position, force=force, free=share)
         if share == 0.0:
-            return moved._replace(coefficients=coefficients, covariance=covariance)
+            return moved
         weight = renewed * self.weight
         gain = share * weight / (weight * uncertain + scale2) * projected
         return moved._replace(
-            coefficients=coefficients + np.outer(gain, off),
-            covariance=covariance - np.outer(gain, projected),
+            coefficients=state.coefficients + np.outer(gain, off),
+            covariance=state.covariance - np.outer(gain, projected),
             weight=state.weight + share,
             squares=state.squares + share * float(off @ off),
         )
 
-    def _direction(self, state: BiasState, position: Array) -> tuple[Array, float]:
-        """Return u at a position, and the share h of the friction that the way there has renewed."""
-        if state.direction is None or state.position is None:
-            return np.zeros(AXES), 0.0
+    def _regressors(self, state: BiasState, position: Array) -> tuple[Array, float]:
+        """Return φ at a position, and the share h of the friction that the way there has renewed."""
         step = position - state.position
         way = math.sqrt(float(step @ step))
         if way == 0.0:
-            return state.direction, 0.0
+            return state.regressors, 0.0
         renewed = -math.expm1(-way / self.presliding_m)
-        direction: Array = state.direction + renewed * (step / way - state.direction)
-        return direction, renewed
+        direction = state.regressors[1:]
+        return np.r_[1.0, direction + renewed * (step / way - direction)], renewed
 
     def _scale_n(self, state: BiasState) -> float:
         squares = self.prior_scale * self.scale_n**2 + self.weight * state.squares
@@ -131,7 +134,7 @@ class BiasTracker:
         lasting = (1.0 - was_free) * stays
         anew = (was_free + lasting) * (1.0 - stays)
         touched = math.log(anew) + _log_density(force, self.contact_n**2)
-        if state.force is not None and lasting > 0.0:
+        if lasting > 0.0:
             goes_on = _log_density(force - state.force, self.friction_n**2)
             touched = float(np.logaddexp(touched, math.log(lasting * stays) + goes_on))
         return 1.0 / (1.0 + math.exp(touched - free)) if touched - free < MOST_LOG_ODDS else 0.0

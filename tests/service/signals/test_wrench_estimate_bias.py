@@ -23,8 +23,9 @@ DOWN, UP = np.array([0.0, 0.0, -0.01]), np.array([0.0, 0.0, 0.01])  # [m] in a t
 
 def after(forces: np.ndarray, tracker: BiasTracker = TRACKER, path: np.ndarray | None = None) -> BiasState:
     """The state after forces at these positions, or at rest."""
-    state = BiasState()
-    for force, position in zip(forces, np.zeros_like(forces) if path is None else path, strict=True):
+    path = np.zeros_like(forces) if path is None else path
+    state = tracker.initial_state(path[0])
+    for force, position in zip(forces, path, strict=True):
         state = tracker.advance(state, force, position)
     return state
 
@@ -39,7 +40,7 @@ def test_every_step_is_the_posterior_of_the_two_components_by_scipy() -> None:
     forces, path = rng.normal([1.0, -0.5, 2.0], 1.0, (30, 3)), wandering(rng, 30)
     forces[10:15] += [0.0, 0.0, 15.0]
     coefficients, covariance = np.zeros((4, 3)), np.diag([1.5**2, 9.0, 9.0, 9.0])
-    weight, squares, state, direction, renewed = 0.0, 0.0, BiasState(), np.zeros(3), 0.0
+    weight, squares, direction, renewed, state = 0.0, 0.0, np.zeros(3), 0.0, TRACKER.initial_state(path[0])
     share, before = 1.0, np.zeros(3)
     for i, force in enumerate(forces):
         if i:
@@ -75,12 +76,10 @@ def test_in_free_space_bias_and_friction_are_those_of_a_regression_over_the_whol
     rng = np.random.default_rng(4)
     path = wandering(rng, 200)
     friction = rng.normal(scale=2.0, size=(3, 3))
-    regressors, forces, weights, state = [], [], [], BiasState()
+    regressors, forces, weights, state = [], [], [], tracker.initial_state(path[0])
     for position in path:
-        direction, renewed = np.zeros(3) if state.direction is None else state.direction, 0.0
-        if state.position is not None:
-            step = position - state.position
-            way = np.linalg.norm(step)
+        direction, renewed, step = state.regressors[1:], 0.0, position - state.position
+        if way := np.linalg.norm(step):
             renewed = 1.0 - np.exp(-way / 0.002)
             direction = step / way + (direction - step / way) * np.exp(-way / 0.002)
         force = DRIFT_N + friction @ direction + rng.normal(scale=0.1, size=3)
@@ -146,7 +145,7 @@ def test_friction_stays_where_the_arm_stops() -> None:
     for _ in range(50):
         state = TRACKER.advance(state, forces[-1], path[-1])
     np.testing.assert_allclose(TRACKER.estimate(state)[0], forces[-1], atol=0.5)
-    np.testing.assert_allclose(state.direction, [0.0, 0.0, -1.0], atol=1e-6)
+    np.testing.assert_allclose(state.regressors, [1.0, 0.0, 0.0, -1.0], atol=1e-6)
 
 
 def test_states_share_nothing_that_changes() -> None:
@@ -164,7 +163,7 @@ def test_a_force_beyond_any_scale_is_contact_and_teaches_nothing(newton: float) 
         beyond = TRACKER.advance(state, np.array([0.0, 0.0, newton]), np.zeros(3))
         again = TRACKER.advance(beyond, np.array([0.0, 0.0, -newton]), np.zeros(3))
     assert (beyond.free, again.free) == (0.0, 0.0)
-    for name in ("coefficients", "covariance", "direction", "weight", "squares"):
+    for name in ("coefficients", "covariance", "regressors", "weight", "squares"):
         np.testing.assert_array_equal(getattr(state, name), getattr(again, name))
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_lab.evaluation.sensor_conditions import rows_of
+from caesura_lab.teacher.motion_profiles import minimum_jerk
 from caesura_protocol.messages import Hint, HintKind
 from caesura_protocol.recording import Recording
 from caesura_service.constants import FREE_M_PER_S, GRAVITY, TARED_BIAS_N
@@ -294,12 +295,6 @@ def _at_joints(taught: CleanDemonstration, joints: Array) -> Recording:
     return replace(taught.recording, signals=signals)
 
 
-def _ramp(t: Array, start: float, duration: float) -> Array:
-    """Return 0 to 1 at times t (n,) [s], as a movement with a smooth acceleration."""
-    s = np.clip((t - start) / duration, 0.0, 1.0)
-    return s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
-
-
 def _joint_limit(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
     """One joint is moved gradually to its limit."""
     t, q = taught.recording.t, taught.recording.signals["q"]
@@ -312,7 +307,7 @@ def _joint_limit(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
         else lower[joint] + 0.02 - q[:, joint].min()
     )
     led = q.copy()
-    led[:, joint] += goal * _ramp(t, start, duration)
+    led[:, joint] += goal * minimum_jerk(np.clip((t - start) / duration, 0.0, 1.0))
     left = np.minimum(led - lower, upper - led).min(axis=1)
     inside = np.flatnonzero(left < JOINT_MARGIN_RAD)
     if not inside.size or t[inside[0]] < start:
@@ -330,7 +325,7 @@ def _singularity(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
     t, q = taught.recording.t, taught.recording.signals["q"]
     start, duration = rng.uniform(FIRST_S, 3.0), rng.uniform(3.0, 5.0)
     led = q.copy()
-    share = _ramp(t, start, duration)
+    share = minimum_jerk(np.clip((t - start) / duration, 0.0, 1.0))
     led[:, 3] += share * (-0.15 - q[:, 3])
     every = 10
     values = [least_singular_value(taught.robot, row) for row in led[::every]]

@@ -33,9 +33,7 @@ def mark_compiled() -> None:
     """State that all compiled code is cached: an interrupted compilation leaves a part of it."""
     from caesura_service.numba_support.decorators import completion_mark  # noqa: PLC0415 - imports numba
 
-    mark = completion_mark()
-    mark.parent.mkdir(parents=True, exist_ok=True)
-    mark.touch()
+    completion_mark().touch()
 
 
 @contextmanager

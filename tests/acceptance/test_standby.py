@@ -40,7 +40,7 @@ from harness.processes import (
     DEADLINE_S,
     QUICK,
     Router,
-    Service,
+    ServiceProcess,
     environment,
     eventually,
     running,
@@ -54,7 +54,7 @@ SLOW = 0.05  # pace: lasts as long as a test
 AT_ONCE = replace(QUICK, close_timeout_s=0.5)
 
 
-class Robot(LiveSource):
+class FedSource(LiveSource):
     """A live source whose samples a test gives; `fail` loses it."""
 
     def __init__(self) -> None:
@@ -83,8 +83,8 @@ def router() -> Iterator[Router]:
 
 
 @pytest.fixture
-def service(router, tmp_path) -> Iterator[Service]:
-    with running(Service(tmp_path / "journal", router=router.endpoint)) as process:
+def service(router, tmp_path) -> Iterator[ServiceProcess]:
+    with running(ServiceProcess(tmp_path / "journal", router=router.endpoint)) as process:
         yield process
 
 
@@ -188,8 +188,8 @@ def test_commands_that_come_twice_or_collide_begin_and_end_one_session(router, s
 
 
 def test_without_a_service_nothing_starts_and_what_was_taught_waits_for_it(router, tmp_path, caesura):
-    service = Service(tmp_path / "journal", router=router.endpoint)
-    robot = Robot()
+    service = ServiceProcess(tmp_path / "journal", router=router.endpoint)
+    robot = FedSource()
     with standing_by(router.endpoint, robot, settings=AT_ONCE) as standby:
         reaches(standby, "ready")
         eventually(lambda: STATION in caesura.stations())  # what the bridge declares arrives in its order
@@ -213,7 +213,7 @@ def test_without_a_service_nothing_starts_and_what_was_taught_waits_for_it(route
 
 
 def test_samples_from_before_the_start_are_no_part_of_the_session(router, service, caesura):
-    robot = Robot()
+    robot = FedSource()
     with ready_to_start(caesura, router.endpoint, robot):
         robot.give(samples(500, t0=100.0))
         session = caesura.start(STATION).session
@@ -231,7 +231,7 @@ def test_a_lost_source_ends_the_session_with_what_came_and_is_opened_again(
     router, service, caesura, monkeypatch
 ):
     monkeypatch.setattr("caesura_clients.bridge.sessions_on_demand.RECONNECT_S", 0.05)
-    robot, mended = Robot(), Robot()
+    robot, mended = FedSource(), FedSource()
     with ready_to_start(caesura, router.endpoint, robot, mended) as standby:
         session = caesura.start(STATION).session
         robot.give(samples(300))
@@ -249,7 +249,7 @@ def test_a_lost_source_ends_the_session_with_what_came_and_is_opened_again(
 
 def test_a_stop_counts_what_the_service_had_to_refuse(router, service, caesura):
     """The clock of a robot was set while it taught: all the rest was refused, and stop said "is over"."""
-    robot, app = Robot(), typer.Typer()
+    robot, app = FedSource(), typer.Typer()
     register(app)
     with ready_to_start(caesura, router.endpoint, robot) as standby:
         session = caesura.start(STATION).session
@@ -266,7 +266,7 @@ def test_a_stop_counts_what_the_service_had_to_refuse(router, service, caesura):
 
 
 def test_a_source_that_delivers_nothing_does_not_keep_a_session_open(router, service, caesura):
-    robot = Robot()
+    robot = FedSource()
     with ready_to_start(caesura, router.endpoint, robot):
         session = caesura.start(STATION).session
         robot.give(samples(100))
@@ -345,14 +345,14 @@ def test_a_station_has_one_bridge(router, service, caesura):
     with Bridge(caesura.transport, STATION, FileSource(RECORDING, pace=SLOW), settings=QUICK) as plain:
         plain.wait_open(DEADLINE_S)
         with ZenohTransport(router.endpoint, timeout_s=DEADLINE_S) as transport:
-            second = Standby(transport, STATION, lambda: nullcontext(Robot()), token_s=0.1)
+            second = Standby(transport, STATION, lambda: nullcontext(FedSource()), token_s=0.1)
             with pytest.raises(CaesuraError, match="a bridge is connected as cell-1 already"):
                 second.run()
         plain.finish()
 
 
 def test_a_session_of_another_bridge_is_not_disturbed(router, service, caesura):
-    robot = Robot()
+    robot = FedSource()
     with standing_by(router.endpoint, robot) as standby:
         reaches(standby, "ready")
         eventually(lambda: standby._tidied)
@@ -443,7 +443,7 @@ def test_a_bridge_in_standby_takes_no_options_of_one_session(words):
 # --- the hand-guiding button -----------------------------------------------------------------------------
 
 
-class ArmWithButton(Robot):
+class ArmWithButton(FedSource):
     """A live source whose samples and button a test gives."""
 
     def __init__(self) -> None:
@@ -562,7 +562,7 @@ def test_a_press_without_a_service_begins_nothing_and_the_status_has_the_reason(
         eventually(lambda: "no service is there" in (standby.status.problem or ""))
         assert standby.status.problem.startswith("the button was pressed, and nothing began: ")
         assert (standby.status.state, standby.status.session) == ("ready", None)
-        with running(Service(tmp_path / "journal", router=router.endpoint)):
+        with running(ServiceProcess(tmp_path / "journal", router=router.endpoint)):
             eventually(lambda: caesura.services() != [])
             arm.guide(samples(600, t0=0.2), pressed=False)
             arm.guide(samples(100, t0=0.8), pressed=True)

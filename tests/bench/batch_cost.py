@@ -76,7 +76,7 @@ PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
 REST = "order, standing, all else"
 
 
-class Clock:
+class PartTimer:
     """Times parts by their own share."""
 
     def __init__(self) -> None:
@@ -108,7 +108,7 @@ def main() -> None:
     taught = [prepared(*one) for one in (product(TASKS, range(PLACES)) if asked.varied else [(TASKS[0], 0)])]
     opening = taught[0][1]
     command = decode(opening.payload, opening.encoding, Control).command
-    clock = Clock()
+    clock = PartTimer()
     with tempfile.TemporaryDirectory() as directory, ExitStack() as stack:
         registry = InstrumentedRegistry(
             owner=Owner("bench", 1),
@@ -124,7 +124,7 @@ def main() -> None:
             for owner, name in places:
                 timed = clock.timed(part, getattr(owner, name))
                 stack.enter_context(mock.patch.object(owner, name, timed))
-        way = Way(registry, clock.timed("writing messages", lambda message: list(fragment(message))))
+        way = BatchPath(registry, clock.timed("writing messages", lambda message: list(fragment(message))))
         whole = clock.timed(REST, way.take)
         for seq, batches in enumerate(zip(*(content for content, _ in taught), strict=True)):
             if seq == WARM_UP:
@@ -135,7 +135,7 @@ def main() -> None:
     show(clock.spent, count, asked.stations, asked.json)
 
 
-class Way:
+class BatchPath:
     """What the threads of the service do with a batch, except for the network's and the journal's."""
 
     def __init__(self, registry: InstrumentedRegistry, write: Callable[[Message], object]) -> None:

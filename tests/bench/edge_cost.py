@@ -44,7 +44,7 @@ CALLBACKS, SENDERS = ("rx-", "net-"), ("tx-", "app-", "acc-")  # as zenoh calls 
 HYPOTHESES = 50
 
 
-class Answering(Registry):
+class WorkingRegistry(Registry):
     """Answers every batch without looking at it, after `work_s` of work."""
 
     def __init__(self, work_s: float) -> None:
@@ -106,7 +106,7 @@ def main() -> None:
     if asked.behind:
         context.Process(target=router, args=(received,), daemon=True).start()
         network = NetworkSettings(connect=received.get())
-    registry = Answering(1e-6 * asked.work)
+    registry = WorkingRegistry(1e-6 * asked.work)
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     reader = SampleReader(JournalBatches(MemoryJournal()))
     with ZenohServer(

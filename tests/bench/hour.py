@@ -74,7 +74,7 @@ class Hour:
     beside: tuple[Minute, Minute]
 
 
-class Demonstration:
+class HourLongSession:
     """One session of a registry, under way."""
 
     def __init__(self, registry: Registry, station: str, kind: str, *, skipped_minutes: int = 0) -> None:
@@ -155,9 +155,9 @@ def measure(kind: str, minutes: int) -> Hour:
     return_large_blocks()
     warm_up(kind)
     with service() as registry:
-        old = Demonstration(registry, STATION, kind)
+        old = HourLongSession(registry, STATION, kind)
         hour = [alternating(old)[0] for _ in range(minutes)]
-        young = Demonstration(registry, "cell-2", kind, skipped_minutes=minutes - 1)
+        young = HourLongSession(registry, "cell-2", kind, skipped_minutes=minutes - 1)
         alternating(young)
         old_minute, young_minute = alternating(old, young)
     return Hour(hour, (old_minute, young_minute))
@@ -166,7 +166,7 @@ def measure(kind: str, minutes: int) -> Hour:
 def warm_up(kind: str) -> None:
     """Load and compile everything."""
     with service() as registry:
-        demonstration = Demonstration(registry, STATION, kind)
+        demonstration = HourLongSession(registry, STATION, kind)
         for _ in range(round(WARM_UP_S * RATE_HZ / BATCH)):
             demonstration.step()
 
@@ -187,7 +187,7 @@ def service() -> Iterator[Registry]:
         )
 
 
-def alternating(*demonstrations: Demonstration) -> list[Minute]:
+def alternating(*demonstrations: HourLongSession) -> list[Minute]:
     """A minute of each, batch by batch in turn."""
     spent = [[one.step() for one in demonstrations] for _ in range(BATCHES_PER_MINUTE)]
     gc.collect()

@@ -34,7 +34,7 @@ MARGIN_S = 30.0  # by which the session goes on
 
 
 @dataclass
-class Received:
+class PageTraffic:
     """What a page received: bytes and messages of its socket, bytes and answers for its plots."""
 
     pushed: int = 0
@@ -89,11 +89,11 @@ def memory_mb(pid: int) -> float:
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-class Page:
+class OpenPage:
     """A page of a station that is open, with what it costs since the last look at it."""
 
     def __init__(self, stage: Stage, browser: Browser, station: str) -> None:
-        self.visitor, self.counts = Visitor(browser), Received()
+        self.visitor, self.counts = Visitor(browser), PageTraffic()
         self._pids = {"dashboard": stage.dashboard.pid, "service": stage.service.pid}
         self.counts.watch(self.visitor)
         self.visitor.page.goto(f"{stage.dashboard.url}/station/{station}")
@@ -134,7 +134,7 @@ def measure(stage: Stage, browser: Browser, age_s: float, seconds: float, parts:
         stage.aged(station, recording, age_s),
     ):
         received.until(lambda: received.update is not None and reached(received.now) >= age_s)
-        page = Page(stage, browser, station)
+        page = OpenPage(stage, browser, station)
         page.visitor.page.wait_for_timeout(1000 * WARM_UP_S)
         for _ in range(parts):
             cost = page.cost(seconds)

@@ -33,7 +33,7 @@ from caesura_service.decimation.reader import Owned
 from caesura_service.journal import FileBatches, SqliteJournal
 from dashboard.stage import patient
 from harness.journals import COLUMNS, TURNING_COLUMNS, ended, taught, turning, written
-from harness.processes import Service, running
+from harness.processes import ServiceProcess, running
 
 BINS = 1200
 QUIET_S, WARM_UP_S = 10.0, 4.0
@@ -69,7 +69,7 @@ def read(folder: Path, seconds: float) -> None:
 def beside(folder: Path, seconds: float) -> None:
     """Print how far apart the results of a live station are."""
     with (
-        running(Service(folder)) as service,
+        running(ServiceProcess(folder)) as service,
         ZenohTransport(service.endpoint) as robot,
         ZenohTransport(service.endpoint) as reader,
         Bridge(robot, "cell-2", FileSource(patient(), pace=1.0), session="live") as bridge,

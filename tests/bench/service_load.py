@@ -38,7 +38,7 @@ from caesura_protocol.transport.zenoh_transport import ZenohTransport
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 from harness.peer import Peer
-from harness.processes import Service
+from harness.processes import ServiceProcess
 
 DATA = Path(__file__).resolve().parents[2] / "data"
 TASKS = ("pick_and_place", "three_point", "wiping", "dispenser", "button")
@@ -53,7 +53,7 @@ STEPS = (8, 16, 24, 32, 40, 48, 64, 96, 128)
 NETWORK_THREADS = ("rx-", "tx-", "acc-", "app-", "net-")  # as zenoh calls its own
 
 
-class Load(NamedTuple):
+class LoadResult(NamedTuple):
     """What a number of stations came to."""
 
     lost: int  # samples
@@ -96,7 +96,7 @@ def main() -> None:
     report("service_load", title, columns, rows, asked.json)
 
 
-def row(stations: int, load: Load) -> tuple[object, ...]:
+def row(stations: int, load: LoadResult) -> tuple[object, ...]:
     """As it is printed."""
     p50, p99, p999 = (float(np.percentile(load.latencies_ms, p)) for p in (50, 99, 99.9))
     share = 100.0 * load.processor / stations
@@ -123,13 +123,13 @@ def measured(
     *,
     lockstep: bool,
     beside: Callable[[str], AbstractContextManager[None]] = nullcontext,
-) -> Load:
+) -> LoadResult:
     """One service, so many stations at once. beside: what else uses the service, by its endpoint."""
     names = [f"cell-{number}" for number in range(1, stations + 1)]
     pace = pace_ms()
     with tempfile.TemporaryDirectory() as directory, ExitStack() as stack:
         many = ("--instances", str(instances)) if instances > 1 else ()
-        service = Service(Path(directory), *many)
+        service = ServiceProcess(Path(directory), *many)
         service.start()
         stack.callback(service.end)
         stack.enter_context(beside(service.endpoint))
@@ -158,7 +158,7 @@ def measured(
         over.set()
         robots.join()
         reader.join()
-    return Load(lost, list(latencies(put_at, received)), cores, network_s / spent_s, grown_mb, pace)
+    return LoadResult(lost, list(latencies(put_at, received)), cores, network_s / spent_s, grown_mb, pace)
 
 
 def latencies(put_at: dict[str, list[float]], received: list[tuple[str, float, float]]) -> Iterator[float]:

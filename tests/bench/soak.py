@@ -26,7 +26,7 @@ from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_protocol.formats.read import load_recording
 from clients.conftest import free_port
-from harness.processes import CAESURA, QUICK, Service, environment, started
+from harness.processes import CAESURA, QUICK, ServiceProcess, environment, started
 
 DATA = Path(__file__).resolve().parents[2] / "data"
 TASKS = ("button", "parkour", "pick_and_place", "wiping", "three_point", "dispenser")
@@ -90,7 +90,7 @@ def main() -> None:
     print(", ".join(f"{name} {value}" for name, value in machine().items()))
     rows: list[tuple[object, ...]] = []
     with tempfile.TemporaryDirectory() as directory, ExitStack() as stack:
-        service = Service(Path(directory))
+        service = ServiceProcess(Path(directory))
         service.start()
         stack.callback(service.end)
         beside = {

@@ -23,7 +23,7 @@ from caesura_protocol.formats.ros_messages import TopicRule, stamp_of
 from caesura_protocol.formats.ros_types import FRANKA_STATE, POSE, WRENCH, decoder
 from caesura_protocol.formats.signal_aligner import SignalAligner
 from caesura_protocol.formats.topic_selection import Topic, TopicSelection
-from clients.fake_franka import GUIDING, Script, fake_libfranka, state
+from clients.fake_franka import GUIDING, FrankaScript, fake_libfranka, state
 from harness import ros
 from harness.demonstrations import guided
 
@@ -32,7 +32,7 @@ SAMPLES = 1000
 
 def franka() -> float:
     """[s] per sample, from libfranka's state to the chunk."""
-    script = Script([state(i) for i in range(SAMPLES)])
+    script = FrankaScript([state(i) for i in range(SAMPLES)])
     robot = fake_libfranka(script).Robot("", None)
     raw = iter([robot.read_once() for _ in range(SAMPLES)])
     source = FrankaSource("bench", lambda: state_of(next(raw), guiding=GUIDING))

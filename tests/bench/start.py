@@ -33,14 +33,14 @@ from caesura_clients import connect
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_protocol.recording import Recording
-from harness.processes import QUICK, RECORDING, SESSION, Router, Service, running
+from harness.processes import QUICK, RECORDING, SESSION, Router, ServiceProcess, running
 
 STATION, PATIENCE_S = "cell-1", 600.0
 PATIENT = replace(QUICK, close_timeout_s=PATIENCE_S)
 READY_S = 3.0
 
 
-class Start(NamedTuple):
+class StartTimes(NamedTuple):
     """Of one service."""
 
     wall_s: float
@@ -60,29 +60,29 @@ def main() -> None:
         warm = [start(next(journals)) for _ in range(asked.rounds)]
         with without_kernels(Path(directory)):
             cold, lost = first_session(next(journals), asked.seconds)
-    median = Start(*(statistics.median(column) for column in zip(*warm, strict=True)))
+    median = StartTimes(*(statistics.median(column) for column in zip(*warm, strict=True)))
     rows = [("compiled", *median, READY_S, ""), ("not compiled", *cold, "", lost)]
     columns = ("kernels", "ready after [s]", "processor [s]", "at most [s]", "samples lost")
     report("start", "From `caesura serve` to ready", columns, rows, asked.json)
     raise SystemExit(bool(lost))
 
 
-def start(journal: Path) -> Start:
+def start(journal: Path) -> StartTimes:
     """One service, which is ended once it is ready."""
     before, used = time.monotonic(), children_s()
-    service = Service(journal)
+    service = ServiceProcess(journal)
     try:
         service.start()
         taken = time.monotonic() - before
     finally:
         service.kill()
-    return Start(taken, children_s() - used)
+    return StartTimes(taken, children_s() - used)
 
 
-def first_session(journal: Path, seconds: float) -> tuple[Start, int]:
+def first_session(journal: Path, seconds: float) -> tuple[StartTimes, int]:
     """A service, and a hand that does not wait for it; how many samples did not arrive."""
     with running(Router()) as router:
-        service = Service(journal, router=router.endpoint)
+        service = ServiceProcess(journal, router=router.endpoint)
         source = FileSource(lasting(seconds))
         source.can_wait = False
         before, used = time.monotonic(), children_s()
@@ -100,7 +100,7 @@ def first_session(journal: Path, seconds: float) -> tuple[Start, int]:
                 status = caesura.snapshot(STATION, SESSION).status
             finally:
                 service.kill()
-    return Start(taken, children_s() - used), len(source.recording.t) - status.samples
+    return StartTimes(taken, children_s() - used), len(source.recording.t) - status.samples
 
 
 def lasting(seconds: float) -> Recording:

@@ -31,14 +31,14 @@ from caesura_protocol.messages import Posterior, Snapshot
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from caesura_service.ownership.station_assignment import stations_of
-from faults.suite.stations import Found, Station, asked, reached, station_name, teaching
-from harness.processes import DEADLINE_S, Router, Service, eventually, running
+from faults.suite.stations import StationResults, TaughtStation, asked, reached, station_name, teaching
+from harness.processes import DEADLINE_S, Router, ServiceProcess, eventually, running
 
 EAST, WEST = "east", "west"
 KILLED_AT, BACK_AT = 0.3, 0.55  # of the demonstrations
 
 
-class Result(NamedTuple):
+class ArrivedResult(NamedTuple):
     """One that arrived."""
 
     at: float  # [s]
@@ -48,9 +48,9 @@ class Result(NamedTuple):
 
 
 @contextmanager
-def receiving(endpoint: str) -> Iterator[list[Result]]:
+def receiving(endpoint: str) -> Iterator[list[ArrivedResult]]:
     """Every result, as it comes."""
-    received: list[Result] = []
+    received: list[ArrivedResult] = []
     inbox, over = Inbox(1 << 20), threading.Event()
 
     def listen() -> None:
@@ -58,7 +58,7 @@ def receiving(endpoint: str) -> Iterator[list[Result]]:
             item = inbox.get(0.05)
             if isinstance(item, ReceivedSample):
                 said = decode(item.payload, item.encoding, Posterior)
-                received.append(Result(time.monotonic(), said.station, said.instance, said.t))
+                received.append(ArrivedResult(time.monotonic(), said.station, said.instance, said.t))
 
     thread = threading.Thread(target=listen, daemon=True)
     with (
@@ -87,7 +87,7 @@ def spread(times_s: list[float]) -> str:
     return f"median {statistics.median(times_s):.2f} s, worst {max(times_s):.2f} s"
 
 
-def times_since(moment: float, owner: str, stations: list[str], received: list[Result]) -> Times:
+def times_since(moment: float, owner: str, stations: list[str], received: list[ArrivedResult]) -> Times:
     """How a change of owners was seen from outside."""
     first, silence = [], []
     for station in stations:
@@ -102,7 +102,7 @@ def times_since(moment: float, owner: str, stations: list[str], received: list[R
     return Times(first, silence)
 
 
-def first_of(station: str, owner: str, results: Iterator[Result]) -> Result:
+def first_of(station: str, owner: str, results: Iterator[ArrivedResult]) -> ArrivedResult:
     """The first of a new owner's results; the process exits where there is none."""
     found = next(results, None)
     if found is None:
@@ -122,19 +122,19 @@ def main() -> int:
         print(f"{what}: {times_since(moments[what], owner, wests, received)}")
     print(f"return: started to ready {moments['ready'] - moments['return']:.2f} s")
     return report(
-        [Found(station, station.end.result(), snapshot, np.empty(0)) for station, snapshot in found]
+        [StationResults(station, station.end.result(), snapshot, np.empty(0)) for station, snapshot in found]
     )
 
 
 def run(
     directory: Path, options: argparse.Namespace
-) -> tuple[list[tuple[Station, Snapshot]], dict[str, float], list[Result]]:
+) -> tuple[list[tuple[TaughtStation, Snapshot]], dict[str, float], list[ArrivedResult]]:
     """The demonstrations at their end, when what happened, and what was heard."""
     moments: dict[str, float] = {}
     with (
         running(Router()) as router,
-        running(Service(directory, "--instance", EAST, router=router.endpoint)),
-        running(Service(directory, "--instance", WEST, router=router.endpoint)) as west,
+        running(ServiceProcess(directory, "--instance", EAST, router=router.endpoint)),
+        running(ServiceProcess(directory, "--instance", WEST, router=router.endpoint)) as west,
         receiving(router.endpoint) as received,
         teaching(
             router.endpoint, numbers=range(options.stations), seconds=options.seconds, pace=options.pace
@@ -160,7 +160,7 @@ def closed(snapshot: Snapshot) -> bool:
     return snapshot.status.state == "closed"
 
 
-def report(found: list[Found]) -> int:
+def report(found: list[StationResults]) -> int:
     """Print what was lost, doubled, and differs; 1 where anything was."""
     lost = sum(max(0, len(one.station.recording.t) - one.snapshot.status.samples) for one in found)
     doubled = sum(one.snapshot.status.repeats for one in found)

@@ -63,7 +63,7 @@ class Unread:
         """Do nothing."""
 
 
-class Idle:
+class SoleOwner:
     """In place of what manages stations: all of them are this instance's."""
 
     def idle_s(self) -> float:
@@ -148,7 +148,7 @@ def slices(stations: int) -> Iterator[Costs]:
         )
         server.budgets = budgets = Budgets(RateLimits(), clock=lambda: now[0])
         network: Any = Unread()
-        manager: Any = Idle()
+        manager: Any = SoleOwner()
         publisher = publisher_of(network, server._queue, budgets)
         worker = Worker(registry, manager, server._queue, publisher, budgets, lambda: now[0])
         plan, next_tick_s = planned(registry, stations), 0.0

@@ -19,7 +19,7 @@ import numpy as np
 IDLE, GUIDING = 1, 3  # of franka::RobotMode
 
 
-class Script:
+class FrankaScript:
     """What the robot does: a state a millisecond, then an error."""
 
     def __init__(self, states: list[SimpleNamespace], error: str = "libfranka: UDP receive: Timeout") -> None:
@@ -62,7 +62,7 @@ class Affine:
         self.matrix = np.asfortranarray(matrix)
 
 
-def fake_franky(script: Script) -> ModuleType:
+def fake_franky(script: FrankaScript) -> ModuleType:
     module: Any = ModuleType("franky")
 
     class FrankyError(Exception):
@@ -110,7 +110,7 @@ def fake_franky(script: Script) -> ModuleType:
     return module
 
 
-def fake_libfranka(script: Script) -> ModuleType:
+def fake_libfranka(script: FrankaScript) -> ModuleType:
     module: Any = ModuleType("panda_py.libfranka")
 
     class Robot:

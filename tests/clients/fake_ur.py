@@ -49,7 +49,7 @@ SIGNATURES = {
 
 
 @dataclass
-class Script:
+class UrScript:
     """What the arm does: a state every 2 ms, each asked for twice, then silence for a reason."""
 
     states: list[SimpleNamespace]
@@ -71,16 +71,16 @@ def state(t: float, **fields: Any) -> SimpleNamespace:
     return SimpleNamespace(t=t, **{**reported, **fields})
 
 
-def fake_ur(script: Script) -> dict[str, ModuleType]:
+def fake_ur(script: UrScript) -> dict[str, ModuleType]:
     receiving: Any = ModuleType("rtde_receive")
     controlling: Any = ModuleType("rtde_control")
     receiving.RTDEReceiveInterface = partial(Receive, script)
-    controlling.RTDEControlInterface = partial(Control, script)
+    controlling.RTDEControlInterface = partial(FakeControlInterface, script)
     return {"rtde_receive": receiving, "rtde_control": controlling}
 
 
 class Receive:
-    def __init__(self, script: Script, hostname: str, frequency: float, variables: list[str]) -> None:
+    def __init__(self, script: UrScript, hostname: str, frequency: float, variables: list[str]) -> None:
         script.asked.append(("receive", hostname, frequency, tuple(variables)))
         if script.refused is not None:
             raise RuntimeError(script.refused)
@@ -138,8 +138,8 @@ class Receive:
         self._script.calls.append("receive.disconnect")
 
 
-class Control:
-    def __init__(self, script: Script, hostname: str) -> None:
+class FakeControlInterface:
+    def __init__(self, script: UrScript, hostname: str) -> None:
         script.asked.append(("control", hostname))
         self._script = script
 

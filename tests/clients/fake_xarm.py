@@ -33,7 +33,7 @@ READY, STOP = 2, 4  # states
 
 
 @dataclass
-class Script:
+class XArmScript:
     """What the arm reports, then silence for a reason. A report's mode is not in what the callback gets."""
 
     reports: list[dict[str, Any]]
@@ -55,7 +55,7 @@ def report(**fields: Any) -> dict[str, Any]:
     } | fields
 
 
-def fake_xarm(script: Script) -> dict[str, ModuleType]:
+def fake_xarm(script: XArmScript) -> dict[str, ModuleType]:
     wrapper: Any = ModuleType("xarm.wrapper")
     wrapper.XArmAPI = partial(XArmAPI, script)
     package: Any = ModuleType("xarm")
@@ -64,7 +64,7 @@ def fake_xarm(script: Script) -> dict[str, ModuleType]:
 
 
 class XArmAPI:
-    def __init__(self, script: Script, port: str, is_radian: bool, report_type: str) -> None:
+    def __init__(self, script: XArmScript, port: str, is_radian: bool, report_type: str) -> None:
         script.calls.append(("XArmAPI", port, is_radian, report_type))
         if script.refused is not None:
             raise RuntimeError(script.refused)

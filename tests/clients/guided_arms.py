@@ -72,7 +72,7 @@ def _play(monkeypatch: pytest.MonkeyPatch, name: str, pressed: list[bool]) -> No
             fake_ur.state(5000.0 + 0.002 * i, pose=pose[i], status=0b111 if is_pressed else 0b011)
             for i, is_pressed in enumerate(pressed)
         ]
-        modules = fake_ur.fake_ur(fake_ur.Script(states))
+        modules = fake_ur.fake_ur(fake_ur.UrScript(states))
     elif name == "xarm":
         reports = [
             fake_xarm.report(cartesian=[400.0 + 1000 * M_PER_STATE * i, 0, 200, 0, 0, 0], mode=2 * is_pressed)
@@ -81,10 +81,10 @@ def _play(monkeypatch: pytest.MonkeyPatch, name: str, pressed: list[bool]) -> No
         clock = itertools.count()
         monkeypatch.setattr(xarm_arm, "SILENT_S", 0.01)
         monkeypatch.setattr(xarm_arm, "time", SimpleNamespace(monotonic=lambda: 0.01 * next(clock)))
-        modules = fake_xarm.fake_xarm(fake_xarm.Script(reports))
+        modules = fake_xarm.fake_xarm(fake_xarm.XArmScript(reports))
     else:
         modes = [fake_franka.GUIDING if is_pressed else fake_franka.IDLE for is_pressed in pressed]
-        script = fake_franka.Script(
+        script = fake_franka.FrankaScript(
             [fake_franka.state(5000 + i, O_T_EE=_moved(i), robot_mode=mode) for i, mode in enumerate(modes)]
         )
         modules = {

@@ -93,11 +93,11 @@ def test_bridge_says_that_the_service_cannot_store_and_that_it_can_again(monkeyp
     # Of a disk that was full its terminal said nothing for as long as that lasted.
     monkeypatch.setattr("caesura_clients.cli.bridge.LOOK_S", 0.01)
 
-    class Stuck:
+    class StuckBridge:
         settings = BridgeSettings()
         stuck_s = 2.9
 
-    opened, said = Stuck(), []
+    opened, said = StuckBridge(), []
 
     def printed(words: str) -> bool:
         said.append(capsys.readouterr().err)

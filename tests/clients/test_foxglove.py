@@ -39,7 +39,7 @@ AHEAD = 4000  # samples that are sent before the viewer has them: fewer than its
 
 
 @dataclass
-class Station:
+class ViewedStation:
     """A station in memory, with a viewer of it."""
 
     transport: MemoryTransport
@@ -52,7 +52,7 @@ class Station:
 
 
 @pytest.fixture
-def station() -> Iterator[Station]:
+def station() -> Iterator[ViewedStation]:
     network = MemoryNetwork()
     transport = network.transport()
     with Answering(network.transport()) as service:
@@ -64,7 +64,7 @@ def station() -> Iterator[Station]:
         )
         server.on_subscribe = feed.subscribed
         with server, feed:
-            yield Station(transport, service, server)
+            yield ViewedStation(transport, service, server)
 
 
 def rows_of(samples: int) -> np.ndarray:

@@ -21,7 +21,7 @@ from clients.fake_franka import (
     IDLE,
     Affine,
     Duration,
-    Script,
+    FrankaScript,
     fake_franky,
     fake_libfranka,
     state,
@@ -37,7 +37,7 @@ IGNORED = {"franky": "Ignore", "panda": "kIgnore"}
 def play(monkeypatch):
     """A robot that plays a script, under the name of its package."""
 
-    def begin(arm: str, script: Script, *, gripper: bool = False) -> FrankaSource:
+    def begin(arm: str, script: FrankaScript, *, gripper: bool = False) -> FrankaSource:
         monkeypatch.setitem(sys.modules, "franky", fake_franky(script))
         monkeypatch.setitem(sys.modules, "panda_py.libfranka", fake_libfranka(script))
         return open_source(arm, SourceOptions(host="172.16.0.2", gripper=gripper))
@@ -62,7 +62,7 @@ def moving(count: int, first_ms: int = 5000) -> list:
 
 @pytest.mark.parametrize("arm", ARMS)
 def test_a_state_becomes_a_sample_in_our_frame_and_sign(play, arm):
-    script = Script(moving(40))
+    script = FrankaScript(moving(40))
     source = play(arm, script)
     assert script.asked == [("Robot", "172.16.0.2", IGNORED[arm])]
     chunks, _ = chunks_of(source)
@@ -89,7 +89,7 @@ def test_a_torque_is_moved_from_the_stiffness_frame_to_the_flange(play, arm):
     for one in states:
         one.EE_T_K = stiffness
         one.O_F_ext_hat_K = np.concatenate([-push, np.zeros(3)])  # the environment pushes along x, at K
-    source = play(arm, Script(states))
+    source = play(arm, FrankaScript(states))
     column = dict(zip(source.columns, np.concatenate(chunks_of(source)[0]).T, strict=True))
     torque = [column[f"m{axis}"][0] for axis in "xyz"]
     np.testing.assert_allclose(torque, np.cross([0.0, 0.0, -0.1534], push), atol=1e-9)
@@ -97,7 +97,7 @@ def test_a_torque_is_moved_from_the_stiffness_frame_to_the_flange(play, arm):
 
 @pytest.mark.parametrize("arm", ARMS)
 def test_a_robot_that_no_person_guides_is_stated_as_such(play, arm):
-    play(arm, Script(moving(1)))
+    play(arm, FrankaScript(moving(1)))
     options = SourceOptions(host="172.16.0.2", gripper=False, hand_on_robot="no")
     assert open_source(arm, options).hand_on_robot == "no"
     for wrong, expected in (
@@ -110,7 +110,7 @@ def test_a_robot_that_no_person_guides_is_stated_as_such(play, arm):
 
 @pytest.mark.parametrize("arm", ARMS)
 def test_a_robot_that_is_lost_says_when_and_why(play, arm):
-    chunks, said = chunks_of(play(arm, Script(moving(30))))
+    chunks, said = chunks_of(play(arm, FrankaScript(moving(30))))
     assert [len(chunk) for chunk in chunks] == [20, 10]
     assert said == f"{arm} at 172.16.0.2: lost after 0.0 s: libfranka: UDP receive: Timeout"
 
@@ -118,12 +118,12 @@ def test_a_robot_that_is_lost_says_when_and_why(play, arm):
 @pytest.mark.parametrize("arm", ARMS)
 def test_a_robot_that_does_not_answer_says_why(play, arm):
     with pytest.raises(SourceError, match=f"{arm} at 172.16.0.2: cannot connect: libfranka: refused"):
-        play(arm, Script([], error="libfranka:\n refused"))
+        play(arm, FrankaScript([], error="libfranka:\n refused"))
 
 
 @pytest.mark.parametrize("arm", ARMS)
 def test_a_gripper_is_a_column_that_keeps_its_last_width(play, arm):
-    script = Script(moving(40))
+    script = FrankaScript(moving(40))
     source = play(arm, script, gripper=True)
     assert script.asked[1] == ("Gripper", "172.16.0.2")
     reported = source.chunks()
@@ -136,7 +136,7 @@ def test_a_gripper_is_a_column_that_keeps_its_last_width(play, arm):
 
 @pytest.mark.parametrize("arm", ARMS)
 def test_a_gripper_that_is_lost_ends_the_source(play, arm):
-    script = Script(moving(40))
+    script = FrankaScript(moving(40))
     source = play(arm, script, gripper=True)
     reported = source.chunks()
     next(reported)
@@ -148,7 +148,7 @@ def test_a_gripper_that_is_lost_ends_the_source(play, arm):
 
 @pytest.mark.parametrize("arm", ARMS)
 def test_no_gripper_says_what_to_add(play, arm):
-    script = Script(moving(3))
+    script = FrankaScript(moving(3))
     script.gripper_error = "refused"
     with pytest.raises(
         SourceError, match=r"its gripper: cannot connect: refused \(without a gripper: --no-gr"
@@ -159,7 +159,7 @@ def test_no_gripper_says_what_to_add(play, arm):
 @pytest.mark.parametrize("arm", ARMS)
 def test_a_state_that_is_reported_twice_is_taken_once_and_one_that_was_missed_stays_missing(play, arm):
     states = [one for one in moving(60) for _ in range(2) if one.time_ms % 10]
-    chunks, _ = chunks_of(play(arm, Script(states)))
+    chunks, _ = chunks_of(play(arm, FrankaScript(states)))
     times = np.concatenate(chunks)[:, 0] * 1000
     assert (np.diff(times) >= 1).all()
     assert set(np.round(np.diff(times))) == {1, 2}
@@ -169,7 +169,7 @@ def test_a_state_that_is_reported_twice_is_taken_once_and_one_that_was_missed_st
 def test_the_bridge_sends_what_came_and_then_says_why_it_ended(play, arm, memory):
     with (
         FakeService(memory.transport()) as service,
-        Bridge(memory.transport(), "cell-1", play(arm, Script(moving(200))), settings=QUICK) as bridge,
+        Bridge(memory.transport(), "cell-1", play(arm, FrankaScript(moving(200))), settings=QUICK) as bridge,
         pytest.raises(SourceError, match="UDP receive: Timeout"),
     ):
         bridge.run()

@@ -22,7 +22,7 @@ RELEASED, LEAD = round(RELEASED_S / STEP_S), round(LEAD_S / STEP_S)  # steps
 DELAYS = st.integers(0, 8)  # steps until a session is open
 
 
-class Standby:
+class DelayedStandby:
     """As far as the button needs one: it opens a session some samples after the press."""
 
     def __init__(self, delay: int = 0) -> None:
@@ -72,7 +72,7 @@ def sessions_of(pressed: list[bool]) -> list[list[int]]:
 @given(st.lists(st.tuples(st.booleans(), st.integers(1, 14)), max_size=12), DELAYS)
 def test_a_session_has_the_same_samples_however_late_it_is_opened(runs, delay):
     pressed = [is_pressed for is_pressed, count in runs for _ in range(count)] + [False] * 150
-    standby = Standby(delay)
+    standby = DelayedStandby(delay)
     for step, is_pressed in enumerate(pressed):
         standby.take(step, is_pressed)
     assert standby.sessions == sessions_of(pressed)

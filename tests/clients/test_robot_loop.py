@@ -21,7 +21,7 @@ QUICK = BridgeSettings(retry_s=0.02, heartbeat_s=0.05, tick_s=0.005, max_latency
 DEADLINE_S = 30.0
 
 
-class Stuck:
+class StuckTransport:
     """A transport whose puts and answers stand still while `stuck`, and which knows who has called it."""
 
     def __init__(self, transport):
@@ -42,7 +42,7 @@ class Stuck:
 
     @contextmanager
     def answer(self, key, inbox):
-        with self._transport.declare_queryable(key, Answering(inbox, self._called)):
+        with self._transport.declare_queryable(key, CallingBackInbox(inbox, self._called)):
             yield
 
     def __getattr__(self, name):
@@ -55,7 +55,7 @@ class Stuck:
             assert self.free.wait(DEADLINE_S)
 
 
-class Answering:
+class CallingBackInbox:
     """An inbox whose questions call back before each reply."""
 
     def __init__(self, inbox, called):
@@ -84,7 +84,7 @@ def a_loop(bridge, cycles, t0=0.0):
 
 @pytest.fixture
 def stuck(memory):
-    return Stuck(memory.transport())
+    return StuckTransport(memory.transport())
 
 
 def test_send_calls_nothing_of_the_network(memory, stuck):
@@ -149,7 +149,7 @@ def test_send_goes_on_while_batches_are_sent_again_and_while_the_session_is_open
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="threads have no priorities of their own")
 
 
-class Scheduling:
+class ThreadScheduling:
     """The scheduling of the system's threads, by native id; 0 is the calling thread."""
 
     def __init__(self, monkeypatch, policy, priority, refusal=None):
@@ -180,7 +180,7 @@ def test_the_threads_of_a_bridge_have_a_priority_just_below_that_of_the_loop(
     memory, monkeypatch, priority, shared
 ):
     """Without one they held the interpreter's lock for 24 ms while the machine ran other processes."""
-    scheduling = Scheduling(monkeypatch, os.SCHED_FIFO, priority)
+    scheduling = ThreadScheduling(monkeypatch, os.SCHED_FIFO, priority)
     threads = sent_with(memory)
     assert len(threads) == 3
     assert scheduling.of == {0: (os.SCHED_FIFO, priority), **dict.fromkeys(threads, (os.SCHED_FIFO, shared))}
@@ -190,21 +190,21 @@ def test_the_threads_of_a_bridge_have_a_priority_just_below_that_of_the_loop(
 def test_a_priority_that_children_of_the_loop_do_not_inherit_is_one(memory, monkeypatch):
     """RealtimeKit gives no other."""
     policy = os.SCHED_RR | os.SCHED_RESET_ON_FORK
-    scheduling = Scheduling(monkeypatch, policy, 10)
+    scheduling = ThreadScheduling(monkeypatch, policy, 10)
     threads = sent_with(memory)
     assert scheduling.of == {0: (policy, 10), **dict.fromkeys(threads, (policy, 9))}
 
 
 @on_linux
 def test_the_threads_of_a_bridge_keep_their_priority_where_the_loop_has_none(memory, monkeypatch):
-    scheduling = Scheduling(monkeypatch, os.SCHED_OTHER, 0)
+    scheduling = ThreadScheduling(monkeypatch, os.SCHED_OTHER, 0)
     assert sent_with(memory)
     assert scheduling.of == {0: (os.SCHED_OTHER, 0)}
 
 
 @on_linux
 def test_a_system_that_refuses_a_priority_is_named_and_the_loop_goes_on(memory, monkeypatch, caplog):
-    Scheduling(monkeypatch, os.SCHED_FIFO, 10, PermissionError(1, "Operation not permitted"))
+    ThreadScheduling(monkeypatch, os.SCHED_FIFO, 10, PermissionError(1, "Operation not permitted"))
     threads = sent_with(memory)
     assert caplog.text.count("Operation not permitted") == len(threads)
 

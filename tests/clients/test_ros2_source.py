@@ -61,7 +61,7 @@ def ros2dds(topic: str, kind: str) -> str:
 LAYOUTS = {"rmw_zenoh": rmw_zenoh, "ros2dds": ros2dds}
 
 
-class Publisher:
+class RosNode:
     """A node of ROS 2, as far as Zenoh sees it."""
 
     def __init__(self, session: zenoh.Session, layout: str) -> None:
@@ -84,17 +84,17 @@ class Publisher:
 
 
 @contextmanager
-def publisher(router, layout: str) -> Iterator[Publisher]:
+def publisher(router, layout: str) -> Iterator[RosNode]:
     config = zenoh.Config()
     own = {"mode": "client", "connect/endpoints": [router.endpoint]}
     for key, value in {**SETTINGS, **own}.items():
         config.insert_json5(key, json.dumps(value))
     with zenoh.open(config) as session:
-        yield Publisher(session, layout)
+        yield RosNode(session, layout)
 
 
 @contextmanager
-def opened(router, node: Publisher, first: list[ros.Message], **options) -> Iterator[Ros2Source]:
+def opened(router, node: RosNode, first: list[ros.Message], **options) -> Iterator[Ros2Source]:
     """A source that has found its topics: what it looks for is repeated until it has."""
     found, over = threading.Event(), threading.Event()
 
@@ -131,7 +131,7 @@ def _before(message):
     return copy
 
 
-def rows_of(source: Ros2Source, node: Publisher, messages: list[ros.Message], count: int) -> np.ndarray:
+def rows_of(source: Ros2Source, node: RosNode, messages: list[ros.Message], count: int) -> np.ndarray:
     """All rows of a source once so many have come."""
     for message in messages:
         node.put(*message)

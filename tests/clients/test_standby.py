@@ -26,7 +26,7 @@ STATION = "cell-1"
 DEADLINE_S = 30.0
 
 
-class Robot(LiveSource):
+class WaitingSource(LiveSource):
     """A live source that waits until the test is over."""
 
     def __init__(self, over: threading.Event, chunks: Callable[[], Iterator] | None = None) -> None:
@@ -79,10 +79,10 @@ def test_a_library_that_raises_is_a_lost_source_which_is_opened_again(monkeypatc
 
     def open_source() -> AbstractContextManager[Source]:
         if works.is_set():
-            return nullcontext(Robot(over))
+            return nullcontext(WaitingSource(over))
         if where == "opening":
             broken()
-        return nullcontext(Robot(over, broken))
+        return nullcontext(WaitingSource(over, broken))
 
     with standing_by(MemoryNetwork(), open_source) as standby:
         eventually(lambda: "RuntimeError: libfranka: no connection" in (standby.status.problem or ""))
@@ -98,7 +98,10 @@ def test_a_command_that_fails_is_refused_and_the_next_one_is_answered(monkeypatc
     def fail(*_: object) -> None:
         raise ValueError("not foreseen")
 
-    with FakeService(network.transport()), standing_by(network, lambda: nullcontext(Robot(over))) as standby:
+    with (
+        FakeService(network.transport()),
+        standing_by(network, lambda: nullcontext(WaitingSource(over))) as standby,
+    ):
         eventually(lambda: standby.status.state == "ready")
         operator = network.transport()
         with monkeypatch.context() as broken_query:
@@ -122,7 +125,7 @@ def test_a_start_that_the_journal_cannot_record_says_why(monkeypatch, over):
     network = MemoryNetwork()
     with (
         FakeService(network.transport()) as service,
-        standing_by(network, lambda: nullcontext(Robot(over))) as standby,
+        standing_by(network, lambda: nullcontext(WaitingSource(over))) as standby,
     ):
         eventually(lambda: standby.status.state == "ready")
         service.refuse = ProtocolError("overloaded", "journal a.sqlite cannot be written: free some room")
@@ -147,7 +150,9 @@ def test_a_stop_at_a_service_that_lacks_batches_ends_once_it_has_them(over, lost
     at_once = BridgeSettings(close_timeout_s=0.0, retry_s=0.01)
     with (
         FakeService(network.transport()) as service,
-        standing_by(network, lambda: nullcontext(Robot(over, one_chunk)), settings=at_once) as standby,
+        standing_by(
+            network, lambda: nullcontext(WaitingSource(over, one_chunk)), settings=at_once
+        ) as standby,
     ):
         eventually(lambda: standby.status.state == "ready")
         operator = network.transport()
@@ -170,7 +175,7 @@ def test_the_status_says_that_the_service_ignores_which_way_is_up(over):
     network, hangs = MemoryNetwork(), BridgeSettings(setting=CellSettings(up=(0.0, 0.0, -1.0)))
     with (
         FakeService(network.transport()) as service,
-        standing_by(network, lambda: nullcontext(Robot(over)), settings=hangs) as standby,
+        standing_by(network, lambda: nullcontext(WaitingSource(over)), settings=hangs) as standby,
     ):
         service.reads_up = False
         eventually(lambda: standby.status.state == "ready")
@@ -196,7 +201,7 @@ def test_the_outcome_says_that_the_pose_is_read_seldom(over):
 
     with (
         FakeService(network.transport()) as service,
-        standing_by(network, lambda: nullcontext(Robot(over, one_chunk))) as standby,
+        standing_by(network, lambda: nullcontext(WaitingSource(over, one_chunk))) as standby,
     ):
         eventually(lambda: standby.status.state == "ready")
         operator = network.transport()
@@ -213,7 +218,7 @@ def test_a_bridge_whose_terminal_is_gone_goes_on(over):
     def gone(_status: BridgeStatus) -> None:
         raise BrokenPipeError("its terminal is gone")
 
-    with standing_by(MemoryNetwork(), lambda: nullcontext(Robot(over)), gone) as standby:
+    with standing_by(MemoryNetwork(), lambda: nullcontext(WaitingSource(over)), gone) as standby:
         eventually(lambda: standby.status.state == "ready")
 
 
@@ -229,14 +234,17 @@ def test_a_client_that_sees_the_bridge_can_start_it(over, monkeypatch):
             return declare(self, key, *given)
 
         monkeypatch.setattr(memory, what, noted)
-    with standing_by(network, lambda: nullcontext(Robot(over))) as standby:
+    with standing_by(network, lambda: nullcontext(WaitingSource(over))) as standby:
         eventually(lambda: standby.status.state == "ready")
     assert declared == ["declare_queryable bridge_control", "declare_token alive"]
 
 
 def test_a_bridge_that_ends_refuses_a_start(over):
     network = MemoryNetwork()
-    with FakeService(network.transport()), standing_by(network, lambda: nullcontext(Robot(over))) as standby:
+    with (
+        FakeService(network.transport()),
+        standing_by(network, lambda: nullcontext(WaitingSource(over))) as standby,
+    ):
         eventually(lambda: standby.status.state == "ready")
         standby._over.set()
         with pytest.raises(ProtocolError, match="the bridge of cell-1 is ending") as refusal:

@@ -14,7 +14,7 @@ from caesura_clients.bridge.sources.live_arm import LiveArm
 from caesura_clients.bridge.sources.registry import SourceOptions, open_source
 from caesura_protocol.errors import SourceError
 from caesura_protocol.flange_pose import moved_wrench, pose_of_rotation_vector
-from clients.fake_ur import SIGNATURES, Script, fake_ur, state
+from clients.fake_ur import SIGNATURES, UrScript, fake_ur, state
 from clients.lost_arm import chunks_of
 from clients.rtde_server import rtde_server
 
@@ -26,7 +26,7 @@ DOWN = [np.pi, 0.0, 0.0]  # rotation vector: the tool points down
 def play(monkeypatch):
     """An arm that plays a script, under the names of ur_rtde's modules."""
 
-    def begin(script: Script, options: SourceOptions = STATED) -> LiveArm:
+    def begin(script: UrScript, options: SourceOptions = STATED) -> LiveArm:
         for name, module in fake_ur(script).items():
             monkeypatch.setitem(sys.modules, name, module)
         return open_source("ur", options)
@@ -48,7 +48,7 @@ def moving(count: int, first_s: float = 5000.0) -> list:
 
 
 def test_a_state_becomes_a_sample_of_the_flange(play):
-    script = Script(moving(40), connected=False, offset=[0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
+    script = UrScript(moving(40), connected=False, offset=[0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
     source = play(script)
     chunks, said = chunks_of(source)
     column = dict(zip(source.columns, np.concatenate(chunks).T, strict=True))
@@ -67,7 +67,7 @@ def test_a_state_becomes_a_sample_of_the_flange(play):
 
 
 def test_a_state_that_changes_while_it_is_read_is_read_again(play):
-    script = Script(moving(80), connected=False, torn=True)
+    script = UrScript(moving(80), connected=False, torn=True)
     source = play(script)
     rows = np.concatenate(chunks_of(source)[0])
     column = dict(zip(source.columns, rows.T, strict=True))
@@ -78,7 +78,7 @@ def test_a_state_that_changes_while_it_is_read_is_read_again(play):
 def test_a_torque_is_about_the_flange_whether_the_arm_has_a_sensor_or_not(play):
     # An e-Series arm reports it there, and it was moved by the TCP's offset once more.
     for is_cb3, source in ((False, None), (True, "joint_torque_estimate")):
-        script = Script(moving(15), connected=False, offset=[0.0, 0.0, 0.1, 0.0, 0.0, 0.0], is_cb3=is_cb3)
+        script = UrScript(moving(15), connected=False, offset=[0.0, 0.0, 0.1, 0.0, 0.0, 0.0], is_cb3=is_cb3)
         arm = play(script, replace(STATED, wrench_source=source))
         rows = np.concatenate(chunks_of(arm)[0])
         torque = rows[0, [arm.columns.index(f"m{axis}") for axis in "xyz"]]
@@ -94,13 +94,13 @@ def test_a_torque_is_about_the_flange_whether_the_arm_has_a_sensor_or_not(play):
     ],
 )
 def test_an_arm_that_stops_says_why(play, ends, said):
-    chunks, lost = chunks_of(play(Script(moving(15), **ends)))
+    chunks, lost = chunks_of(play(UrScript(moving(15), **ends)))
     assert sum(map(len, chunks)) == 15
     assert lost == f"ur5e at 10.0.0.2: lost after 0.0 s: {said}"
 
 
 def test_teach_mode_asks_for_the_tcp_zeroes_the_sensor_lets_go_and_holds_again(play):
-    script = Script(moving(20), offset=[0.0, 0.0, 0.1, 0.0, 0.0, 0.0], connected=False)
+    script = UrScript(moving(20), offset=[0.0, 0.0, 0.1, 0.0, 0.0, 0.0], connected=False)
     source = play(script, replace(STATED, tcp_offset=None, teach_mode=True))
     assert script.calls == ["zeroFtSensor", "teachMode"]
     rows = np.concatenate(chunks_of(source)[0])
@@ -112,11 +112,11 @@ def test_teach_mode_asks_for_the_tcp_zeroes_the_sensor_lets_go_and_holds_again(p
 
 def test_a_command_that_is_not_carried_out_is_named(play):
     with pytest.raises(SourceError, match="teach mode: the controller did not execute it"):
-        play(Script(moving(1), fails="teachMode"), replace(STATED, teach_mode=True))
+        play(UrScript(moving(1), fails="teachMode"), replace(STATED, teach_mode=True))
 
 
 def test_without_a_wrench_there_are_no_columns_for_one(play):
-    source = play(Script(moving(12)), replace(STATED, wrench_source="none"))
+    source = play(UrScript(moving(12)), replace(STATED, wrench_source="none"))
     assert chunks_of(source)[0][0].shape[1] == len(source.columns) == 1 + 7 + 6
 
 
@@ -129,7 +129,7 @@ def test_without_a_wrench_there_are_no_columns_for_one(play):
     ],
 )
 def test_the_wrench_source_is_that_of_the_robots_data(play, hand, stated, declared):
-    source = play(Script(moving(1)), replace(STATED, hand_on_robot=hand, wrench_source=stated))
+    source = play(UrScript(moving(1)), replace(STATED, hand_on_robot=hand, wrench_source=stated))
     assert (source.wrench_source, source.hand_on_robot) == declared
     assert (source.force_frame, source.length_unit, source.can_wait) == ("base", "m", False)
 
@@ -148,12 +148,12 @@ def test_the_wrench_source_is_that_of_the_robots_data(play, hand, stated, declar
 )
 def test_what_is_not_stated_is_asked_for(play, changed, said):
     with pytest.raises(SourceError, match=said):
-        play(Script(moving(1)), replace(STATED, **changed))
+        play(UrScript(moving(1)), replace(STATED, **changed))
 
 
 def test_an_arm_that_does_not_answer_says_why(play):
     with pytest.raises(SourceError, match=r"ur5e at 10\.0\.0\.2: cannot connect: Could not connect"):
-        play(Script(moving(1), refused="Could not connect to: 10.0.0.2 at 30004"))
+        play(UrScript(moving(1), refused="Could not connect to: 10.0.0.2 at 30004"))
 
 
 def test_a_rotation_vector_is_the_rotation_of_scipy():

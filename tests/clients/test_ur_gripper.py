@@ -29,7 +29,7 @@ from caesura_protocol.robots import GripperDescription, GripperError, gripper
 from clients.conftest import free_port
 from clients.fake_robotiq import Answer, FakeUrcap, fake_urcap, whole_line
 from clients.fake_service import DEADLINE_S, eventually
-from clients.fake_ur import Script, fake_ur, state
+from clients.fake_ur import UrScript, fake_ur, state
 
 HOST = "127.0.0.1"
 STATED = SourceOptions(
@@ -82,7 +82,7 @@ def play(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., LiveArm]]:
     opened: list[LiveArm] = []
 
     def begin(states: Any = None, options: SourceOptions = STATED, **script: Any) -> LiveArm:
-        for name, module in fake_ur(Script(States() if states is None else states, **script)).items():
+        for name, module in fake_ur(UrScript(States() if states is None else states, **script)).items():
             monkeypatch.setitem(sys.modules, name, module)
         source: Any = open_source("ur", options)
         opened.append(source)

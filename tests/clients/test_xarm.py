@@ -16,7 +16,7 @@ from caesura_clients.bridge.sources.registry import SourceOptions, open_source
 from caesura_protocol.errors import SourceError
 from caesura_protocol.flange_pose import pose_of_roll_pitch_yaw
 from caesura_protocol.robots import robot_description
-from clients.fake_xarm import PARAMETERS, STOP, Script, fake_xarm, report
+from clients.fake_xarm import PARAMETERS, STOP, XArmScript, fake_xarm, report
 from clients.lost_arm import chunks_of
 from harness.xarm_sdk import xarm_api
 
@@ -30,7 +30,7 @@ def play(monkeypatch):
     """An arm that plays a script, under the name of the SDK."""
     monkeypatch.setattr(xarm_arm, "SILENT_S", 0.01)
 
-    def begin(script: Script, options: SourceOptions = STATED) -> LiveArm:
+    def begin(script: XArmScript, options: SourceOptions = STATED) -> LiveArm:
         for name, module in fake_xarm(script).items():
             monkeypatch.setitem(sys.modules, name, module)
         return open_source("xarm", options)
@@ -47,7 +47,7 @@ def moving(count: int) -> list:
 
 
 def test_a_report_becomes_a_sample_of_the_flange(play):
-    script = Script(moving(20), force=[0.0, 0.0, -10.0, 0.1, 0.2, 0.3], connected=False)
+    script = XArmScript(moving(20), force=[0.0, 0.0, -10.0, 0.1, 0.2, 0.3], connected=False)
     source = play(script)
     chunks, said = chunks_of(source)
     rows = np.concatenate(chunks)
@@ -65,7 +65,7 @@ def test_a_report_becomes_a_sample_of_the_flange(play):
 
 
 def test_without_a_sensor_there_is_no_wrench(play):
-    source = play(Script(moving(3)), replace(STATED, wrench_source="none"))
+    source = play(XArmScript(moving(3)), replace(STATED, wrench_source="none"))
     assert not {"fx", "mx"} & set(source.columns)
     chunks, said = chunks_of(source)
     rows = np.concatenate(chunks)
@@ -74,7 +74,7 @@ def test_without_a_sensor_there_is_no_wrench(play):
 
 
 def test_teach_mode_zeroes_the_sensor_lets_go_and_holds_again(play):
-    script = Script(moving(3))
+    script = XArmScript(moving(3))
     source = play(script, replace(STATED, teach_mode=True))
     source.close()
     source.close()
@@ -94,7 +94,7 @@ def test_teach_mode_zeroes_the_sensor_lets_go_and_holds_again(play):
 
 def test_an_arm_that_was_in_another_mode_is_in_teach_mode_all_the_same(play):
     # The controller goes to mode 0 first and stays there: the arm could not be guided, and nothing said so.
-    script = Script([], mode=1)
+    script = XArmScript([], mode=1)
     source = play(script, replace(STATED, teach_mode=True))
     modes = [call[1] for call in script.calls if call[0] == "set_mode"]
     source.close()
@@ -103,14 +103,16 @@ def test_an_arm_that_was_in_another_mode_is_in_teach_mode_all_the_same(play):
 
 def test_an_error_of_the_controller_ends_the_source(play):
     # A fast report has no error code: the one that the SDK hands on is always 0.
-    stopped = Script([*moving(2), report(state=STOP), report(state=STOP)], error=31)
+    stopped = XArmScript([*moving(2), report(state=STOP), report(state=STOP)], error=31)
     chunks, said = chunks_of(play(stopped))
     assert said.endswith("the controller's error is 31")
     assert sum(map(len, chunks)) == 2
 
 
 def test_an_arm_that_was_stopped_without_an_error_is_read_on(play):
-    chunks, said = chunks_of(play(Script([*moving(2), report(state=STOP, cartesian=[410.0] + [0.0] * 5)])))
+    chunks, said = chunks_of(
+        play(XArmScript([*moving(2), report(state=STOP, cartesian=[410.0] + [0.0] * 5)]))
+    )
     assert sum(map(len, chunks)) == 3
     assert "no report for" in said
 
@@ -118,12 +120,16 @@ def test_an_arm_that_was_stopped_without_an_error_is_read_on(play):
 @pytest.mark.parametrize(
     ("changed", "script", "said"),
     [
-        ({"robot": None}, Script([]), "the source xarm needs --robot, such as xarm7"),
-        ({"tcp_offset": None}, Script([]), "xarm7 at 10.0.0.3: where is its TCP"),
-        ({"wrench_source": None}, Script([]), "wrench_source is None, expected flange_sensor or"),
-        ({"wrench_source": "joint_torque_estimate"}, Script([]), "or none without it"),
-        ({}, Script([], refused="connect failed"), "xarm7 at 10.0.0.3: cannot connect: connect failed"),
-        ({}, Script([], codes={"set_ft_sensor_enable": 9}), "its sensor: the SDK's code is 9, expected 0"),
+        ({"robot": None}, XArmScript([]), "the source xarm needs --robot, such as xarm7"),
+        ({"tcp_offset": None}, XArmScript([]), "xarm7 at 10.0.0.3: where is its TCP"),
+        ({"wrench_source": None}, XArmScript([]), "wrench_source is None, expected flange_sensor or"),
+        ({"wrench_source": "joint_torque_estimate"}, XArmScript([]), "or none without it"),
+        ({}, XArmScript([], refused="connect failed"), "xarm7 at 10.0.0.3: cannot connect: connect failed"),
+        (
+            {},
+            XArmScript([], codes={"set_ft_sensor_enable": 9}),
+            "its sensor: the SDK's code is 9, expected 0",
+        ),
     ],
 )
 def test_what_is_missing_is_named(play, changed, script, said):
@@ -151,4 +157,4 @@ def test_the_sdk_is_as_the_fake_has_it():
 def test_an_xarm_is_listed_with_the_wrench_that_its_source_takes(play):
     # The list had an estimate by joint torques, which the source refuses: it does not read them.
     listed = robot_description("xarm7").wrench_source
-    assert play(Script(moving(3)), replace(STATED, wrench_source=listed)).wrench_source == listed
+    assert play(XArmScript(moving(3)), replace(STATED, wrench_source=listed)).wrench_source == listed

@@ -24,7 +24,7 @@ from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from clients.conftest import free_port
 from harness.demonstrations import guided
 from harness.forked import Forked
-from harness.processes import CAESURA, DEADLINE_S, Process, Service, environment, running, start
+from harness.processes import CAESURA, DEADLINE_S, Process, ServiceProcess, environment, running, start
 
 REST_S = 240.0  # for which the hand rests afterwards: longer than the tests of a module take
 REST_HZ = 50.0  # of its samples: each is drawn ten times a second, all along the session
@@ -122,7 +122,7 @@ class Dashboard(Pages):
 class Bridges:
     """Bridges of a service, in processes of their own, which are killed in the end."""
 
-    def __init__(self, service: Service, folder: Path) -> None:
+    def __init__(self, service: ServiceProcess, folder: Path) -> None:
         self.service, self.folder = service, folder
         self._bridges: dict[str, subprocess.Popen[str] | Forked] = {}
 
@@ -181,7 +181,7 @@ def _run(bridge: Bridge) -> None:
 class Stage(Bridges):
     """Everything that a browser looks at."""
 
-    def __init__(self, service: Service, dashboard: Dashboard, folder: Path) -> None:
+    def __init__(self, service: ServiceProcess, dashboard: Dashboard, folder: Path) -> None:
         super().__init__(service, folder)
         self.dashboard = dashboard
 
@@ -207,7 +207,7 @@ class StandbyBridge(Process):
 def staged(folder: Path) -> Iterator[Stage]:
     """Service and dashboard, ready."""
     with (
-        running(Service(folder / "journal")) as service,
+        running(ServiceProcess(folder / "journal")) as service,
         running(Dashboard(service.endpoint)) as dashboard,
         closing(Stage(service, dashboard, folder)) as stage,
     ):

@@ -15,7 +15,7 @@ from playwright.sync_api import expect
 from dashboard.browser import DESK, PATIENCE_MS, Visitor, looks_right, needs_chromium
 from dashboard.stage import Bridges, Dashboard
 from harness.demonstrations import guided
-from harness.processes import Service, running
+from harness.processes import ServiceProcess, running
 
 pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
@@ -26,7 +26,7 @@ def test_a_dashboard_before_its_service_names_what_to_start_and_connects_by_itse
 ):
     """It did not listen before the service ran."""
     opened.begin_again(DESK)
-    page, service = opened.page, Service(tmp_path / "journal")
+    page, service = opened.page, ServiceProcess(tmp_path / "journal")
     with running(Dashboard(service.endpoint)) as dashboard:
         page.goto(dashboard.url)
         banner = page.get_by_role("alert")

@@ -23,7 +23,7 @@ def asked():
     return []
 
 
-class Client:
+class UncachedBrowser:
     """A browser without a cache. app: that it asks."""
 
     def __init__(self, app):
@@ -48,7 +48,7 @@ def client(asked, tmp_path):
         return FileResponse(file, status_code=404 if "missing" in request.url.path else 200)
 
     app = Starlette(routes=[Route("/{path:path}", answer)])
-    return Client(FileCompression(app, ("/assets/",)))
+    return UncachedBrowser(FileCompression(app, ("/assets/",)))
 
 
 def test_a_file_is_read_once_and_comes_compressed_each_time(client, asked):
@@ -111,7 +111,7 @@ def test_the_files_of_a_page_are_compressed_before_a_browser_asks(asked, tmp_pat
 
     ran(app({"type": "lifespan", "asgi": {"version": "3.0"}, "state": {}}, receive, send))
     assert sent[0] == ("lifespan.startup.complete", [])
-    answer_kept = Client(app).get("/assets/key/two.js")
+    answer_kept = UncachedBrowser(app).get("/assets/key/two.js")
     assert answer_kept.text == TEXT
     assert answer_kept.headers["content-encoding"] == "gzip"
     assert asked == ["/page", *files]

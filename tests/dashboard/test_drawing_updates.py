@@ -18,7 +18,7 @@ from caesura_protocol.messages import Phase, Posterior
 from clients.examples import changepoint, example, segment
 
 
-class Browser:
+class SessionViewScript:
     """What `session_view.js` does with a payload."""
 
     def __init__(self) -> None:
@@ -62,7 +62,7 @@ def test_a_browser_gets_the_start_once_and_rows_keep_the_clock_of_the_samples(up
 
 
 def test_a_browser_that_takes_every_difference_has_everything(updates):
-    browser, sent = Browser(), SentState()
+    browser, sent = SessionViewScript(), SentState()
     for one in updates:
         sent, payload = delta(sent, one)
         browser.apply(payload)
@@ -73,7 +73,7 @@ def test_a_browser_that_takes_every_difference_has_everything(updates):
 
 
 def test_a_page_begins_with_what_its_samples_need_and_gets_the_rest_after(updates):
-    browser, two = Browser(), updates[1]
+    browser, two = SessionViewScript(), updates[1]
     sent, payload = beginning(two)
     browser.apply(payload)
     assert browser.segments == [segment_row(two.segments[0])]
@@ -93,7 +93,7 @@ def test_a_page_of_an_unknown_session_begins_empty():
 
 
 def test_a_browser_that_missed_some_catches_up_at_once(updates):
-    browser = Browser()
+    browser = SessionViewScript()
     sent, payload = delta(SentState(), updates[0])
     browser.apply(payload)
     _, payload = delta(sent, updates[3])

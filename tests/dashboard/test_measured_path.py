@@ -26,7 +26,7 @@ from dashboard.operator import T
 from dashboard.stage import Bridges, Dashboard, Stage
 from dashboard.test_whole_day import shown_range
 from harness.demonstrations import guided
-from harness.processes import Service, running
+from harness.processes import ServiceProcess, running
 
 pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
@@ -65,10 +65,10 @@ def check_measured(runs: list[dict[str, Any]], sent: Recording) -> None:
 
 def test_every_sample_is_drawn_in_the_colour_of_its_segment(tmp_path: Path, visitor: Visitor):
     sent, journal, page = guided(), tmp_path / "journal", visitor.page
-    with running(Service(journal)) as service, closing(Bridges(service, tmp_path)) as bridges:
+    with running(ServiceProcess(journal)) as service, closing(Bridges(service, tmp_path)) as bridges:
         bridges.teach("cell-1", sent, session="over", pace="fast")
         bridges.wait("cell-1")
-    with running(Service(journal)) as service, running(Dashboard(service.endpoint)) as dashboard:
+    with running(ServiceProcess(journal)) as service, running(Dashboard(service.endpoint)) as dashboard:
         with closing(Bridges(service, tmp_path)) as bridges, bridges.reader() as caesura:
             segments = caesura.snapshot("cell-1", "over").segments.segments
         page.goto(f"{dashboard.url}/sessions/cell-1/over")

@@ -39,7 +39,7 @@ from clients.examples import snapshot
 from dashboard.browser import DESK, PATIENCE_MS, Visitor, looks_right, needs_chromium
 from dashboard.stage import Bridges, Dashboard
 from harness.demonstrations import guided
-from harness.processes import Service, running
+from harness.processes import ServiceProcess, running
 from harness.programs import pick_and_place
 
 expect.set_options(timeout=PATIENCE_MS)
@@ -114,7 +114,7 @@ def edit(caesura: Caesura, action: ProgramAction) -> None:
 @needs_chromium
 def test_an_operator_compares_versions_by_keyboard_and_after_a_restart(opened: Visitor, tmp_path: Path):
     journal = tmp_path / "journal"
-    with running(Service(journal)) as service, closing(Bridges(service, tmp_path)) as bridges:
+    with running(ServiceProcess(journal)) as service, closing(Bridges(service, tmp_path)) as bridges:
         bridges.teach("cell-1", guided(), session="over", pace="fast")
         bridges.wait("cell-1")
         with bridges.reader() as caesura:
@@ -132,7 +132,7 @@ def test_an_operator_compares_versions_by_keyboard_and_after_a_restart(opened: V
             assert [one.number for one in second.edits] == [1, 2]
             assert [one.name for one in second.apps if one.name] == ["press"]
             assert query.program_at_edit(caesura.transport, *OVER, 6).apps == shown.apps
-    with running(Service(journal)) as service, running(Dashboard(service.endpoint)) as dashboard:
+    with running(ServiceProcess(journal)) as service, running(Dashboard(service.endpoint)) as dashboard:
         visitor, page = opened, opened.page
         visitor.begin_again(DESK)
         page.goto(f"{dashboard.url}/sessions/cell-1/over")

@@ -87,7 +87,7 @@ def test_every_part_of_a_long_program_is_shown_on_request(last, listed):
     assert (shown["before"], shown["after"]) == (listed[0] - 1, 250 - listed[1])
 
 
-class Browser:
+class ProgramScript:
     """What `program.js` does with a payload."""
 
     def __init__(self) -> None:
@@ -124,7 +124,7 @@ def test_a_page_that_takes_every_change_has_all_that_is_shown():
         taught(0.7, *places[1:]),
         taught(*places[:3]).model_copy(update={"session": "another"}),
     ]
-    made, browser, sent = Timeline(listed=8, drawn=12), Browser(), {}
+    made, browser, sent = Timeline(listed=8, drawn=12), ProgramScript(), {}
     for program in programs:
         for last in (None, 9, 3, 25):
             shown = made.of(program, last=last)

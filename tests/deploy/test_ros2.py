@@ -226,7 +226,7 @@ def served(monkeypatch):
     """The node of the package, imported with stand-ins for rclpy and the generated messages."""
     found = Served()
 
-    class Node:
+    class FakeRosNode:
         def __init__(self, name: str) -> None:
             pass
 
@@ -252,7 +252,7 @@ def served(monkeypatch):
             "ExternalShutdownException": RuntimeError,
             "MultiThreadedExecutor": SimpleNamespace,
         },
-        "rclpy.node": {"Node": Node},
+        "rclpy.node": {"Node": FakeRosNode},
         "rclpy.qos": {
             "DurabilityPolicy": SimpleNamespace(TRANSIENT_LOCAL=1),
             "QoSProfile": SimpleNamespace,
@@ -390,7 +390,7 @@ def test_results_that_end_are_logged(served):
 # --- Teaching, without ROS 2 ------------------------------------------------------------------------------
 
 
-class Demonstration:
+class ClosingStation:
     """A station whose session closes when it is stopped."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, refused: str | None = None) -> None:
@@ -413,7 +413,7 @@ class Demonstration:
 
 
 def test_a_demonstration_is_started_followed_and_stopped_where_it_is_cancelled(monkeypatch):
-    shown = Demonstration(monkeypatch)
+    shown = ClosingStation(monkeypatch)
     seen: list[Any] = []
     done = teaching.teach(shown, "cell-1", "", Description(task="wipe"), seen.append, lambda: len(seen) > 1)
     assert (done.success, done.message, done.session, done.program) == (
@@ -427,7 +427,7 @@ def test_a_demonstration_is_started_followed_and_stopped_where_it_is_cancelled(m
 
 
 def test_a_demonstration_whose_connection_is_lost_keeps_its_name_and_program(monkeypatch):
-    shown = Demonstration(monkeypatch)
+    shown = ClosingStation(monkeypatch)
 
     def results(station: str, session: str, silence_s: float) -> Any:
         yield SimpleNamespace(closed=False, program=shown.program, session=session)
@@ -440,7 +440,7 @@ def test_a_demonstration_whose_connection_is_lost_keeps_its_name_and_program(mon
 
 def test_a_demonstration_that_is_being_stopped_is_followed_once(monkeypatch):
     # It was subscribed and queried anew for every update until it was closed.
-    shown = Demonstration(monkeypatch)
+    shown = ClosingStation(monkeypatch)
     followed: list[bool] = []
 
     def results(station: str, session: str, silence_s: float) -> Any:
@@ -454,7 +454,7 @@ def test_a_demonstration_that_is_being_stopped_is_followed_once(monkeypatch):
 
 
 def test_a_demonstration_that_cannot_start_says_why(monkeypatch):
-    shown = Demonstration(monkeypatch, refused="no bridge is connected at cell-1")
+    shown = ClosingStation(monkeypatch, refused="no bridge is connected at cell-1")
     done = teaching.teach(shown, "cell-1", "x", Description(), print, lambda: False)
     assert (done.success, done.message) == (False, "no bridge is connected at cell-1")
 

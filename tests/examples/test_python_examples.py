@@ -11,15 +11,15 @@ from pathlib import Path
 import pytest
 
 from caesura_clients import Caesura, connect
-from harness.processes import Service, running, snapshot
+from harness.processes import ServiceProcess, running, snapshot
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 SESSION = "s1"
 
 
 @pytest.fixture(scope="module")
-def service(tmp_path_factory) -> Iterator[Service]:
-    with running(Service(tmp_path_factory.mktemp("journal"))) as started:
+def service(tmp_path_factory) -> Iterator[ServiceProcess]:
+    with running(ServiceProcess(tmp_path_factory.mktemp("journal"))) as started:
         yield started
 
 

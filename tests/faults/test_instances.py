@@ -43,7 +43,7 @@ from harness.processes import (
     SAMPLES,
     SESSION,
     Router,
-    Service,
+    ServiceProcess,
     assert_equal,
     closed,
     eventually,
@@ -91,7 +91,9 @@ class Pair:
         """apart: each has a directory of its own, as on two machines."""
         self.router = stack.enter_context(running(Router()))
         self.east, self.west = both = [
-            Service(directory / name if apart else directory, "--instance", name, router=self.router.endpoint)
+            ServiceProcess(
+                directory / name if apart else directory, "--instance", name, router=self.router.endpoint
+            )
             for name in INSTANCES
         ]
         for each in both:

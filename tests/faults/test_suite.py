@@ -26,7 +26,7 @@ from faults.suite import (
 )
 from faults.suite.outcome import Disturbance, Played, Scale
 from faults.suite.relay import Line
-from faults.suite.stations import LiveRobot, Station, Watched, demonstration
+from faults.suite.stations import LiveRobot, TaughtStation, Watched, demonstration
 from harness.attacker import Attacker
 from harness.processes import Process
 
@@ -71,7 +71,7 @@ class Dead(Attacker):
         Process.__init__(self, [sys.executable, "-c", "print('ready', flush=True)"])
 
 
-class Idle(Attacker):
+class IdleAttacker(Attacker):
     """Lives, and does nothing."""
 
     def __init__(self, how: str, endpoint: str) -> None:
@@ -79,7 +79,7 @@ class Idle(Attacker):
         Process.__init__(self, [sys.executable, "-c", waits])
 
 
-@pytest.mark.parametrize("attacker", [Dead, Idle])
+@pytest.mark.parametrize("attacker", [Dead, IdleAttacker])
 def test_an_attacker_that_does_nothing_proves_nothing(attacker, tmp_path, monkeypatch):
     monkeypatch.setattr(neighbours, "Attacker", attacker)
     row = neighbours.hostile_station("dense", tmp_path, Scale(stations=1, seconds=4.0, pace=2.0))
@@ -119,7 +119,7 @@ def test_a_delay_of_all_results_is_lateness(late_s):
     for _ in robot.chunks():
         pass
     bridge = SimpleNamespace(settings=SimpleNamespace(batch_samples=10))
-    station = Station(number, seconds, bridge, Future(), robot)
+    station = TaughtStation(number, seconds, bridge, Future(), robot)
     given_s, known_t = lateness.given(station), lateness.known(station)
     came = [(at + late_s, t) for at, t in zip(given_s, known_t, strict=True) if t >= 0.0]
     watched = Watched({station.name: [*came, (given_s[-1] + 9.0, 1e9)]})

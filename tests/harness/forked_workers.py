@@ -39,10 +39,10 @@ TESTS = Path(__file__).parents[1]
 THREADED = "pyarrow"  # which starts threads when it is imported
 
 
-class Worker:
+class ForkedWorker:
     """A forked process, as execnet uses one of `subprocess.Popen`."""
 
-    def __init__(self, others: list[Worker]) -> None:
+    def __init__(self, others: list[ForkedWorker]) -> None:
         from_here, to_there = os.pipe()
         from_there, to_here = os.pipe()
         self.pid = os.fork()
@@ -66,7 +66,7 @@ class Worker:
 class ForkedIO(gateway_io.Popen2IOMaster):
     """The pipes of the next forked process; of a new interpreter when none is left."""
 
-    forked: list[Worker] = []  # noqa: RUF012 - of all gateways
+    forked: list[ForkedWorker] = []  # noqa: RUF012 - of all gateways
 
     def __init__(self, args: list[str], execmodel: Any) -> None:
         if self.forked and args[0] == sys.executable:
@@ -85,7 +85,7 @@ def fork_workers(config: pytest.Config, count: int) -> None:
     import_tests(config)
     assert len(os.listdir("/proc/self/task")) == 1, "a process with threads cannot be forked"
     for _ in range(count):
-        ForkedIO.forked.append(Worker(ForkedIO.forked))
+        ForkedIO.forked.append(ForkedWorker(ForkedIO.forked))
     gateway_io.Popen2IOMaster = ForkedIO
 
 

@@ -133,7 +133,7 @@ class Router(Process):
         super().__init__([sys.executable, "-c", _ROUTER, self.endpoint])
 
 
-class Service(Process):
+class ServiceProcess(Process):
     """`caesura serve` on a journal: a router itself, by tcp or tls, or client of `router`, an endpoint."""
 
     def __init__(
@@ -159,9 +159,11 @@ def running(process: P) -> Iterator[P]:
         process.kill()
 
 
-def serving(journal: Path, *options: str, router: str | None = None) -> AbstractContextManager[Service]:
+def serving(
+    journal: Path, *options: str, router: str | None = None
+) -> AbstractContextManager[ServiceProcess]:
     """A service that runs while the context lasts."""
-    return running(Service(journal, *options, router=router))
+    return running(ServiceProcess(journal, *options, router=router))
 
 
 @contextmanager

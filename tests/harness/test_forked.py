@@ -62,14 +62,14 @@ def test_an_answer_that_a_test_did_not_wait_for_is_not_that_of_the_next_order(mo
     """A test whose time was over left its answer, and every later process had the id of another one."""
     link = _parent()._link
 
-    class Interrupted:
+    class InterruptedLink:
         sendmsg = link.sendmsg
 
         def recv(self, size: int) -> bytes:
             raise TimeoutError
 
     with monkeypatch.context() as patch:
-        patch.setattr(_parent(), "_link", Interrupted())
+        patch.setattr(_parent(), "_link", InterruptedLink())
         with pytest.raises(TimeoutError):
             python(WAITS, stdout=PIPE)
     with python("import os; print(os.getpid())", stdout=PIPE) as process:

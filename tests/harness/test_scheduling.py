@@ -14,7 +14,7 @@ WAITS = ("tests/dashboard/test_a.py", "tests/faults/test_b.py", "tests/dashboard
 COMPUTES = ("tests/lab/test_d.py", "tests/protocol/test_e.py")
 
 
-class Node:
+class FakeWorkerNode:
     """A process as a scheduler sees it; what it was given, by file."""
 
     shutting_down = False
@@ -33,10 +33,10 @@ class Node:
 TESTS = [f"{file}::test_{number}" for file in (*WAITS, *COMPUTES) for number in range(4)]
 
 
-def scheduled(numbers: tuple[int, ...]) -> tuple[Scheduling, list[Node]]:
+def scheduled(numbers: tuple[int, ...]) -> tuple[Scheduling, list[FakeWorkerNode]]:
     option = SimpleNamespace(numprocesses=len(numbers), loadscopereorder=False)
     config = SimpleNamespace(option=option, getvalue=lambda name: [f"{len(numbers)}*popen"])
-    scheduling, nodes = Scheduling(config, None), [Node(number) for number in numbers]
+    scheduling, nodes = Scheduling(config, None), [FakeWorkerNode(number) for number in numbers]
     for node in nodes:
         scheduling.add_node(node)
         scheduling.add_node_collection(node, TESTS)

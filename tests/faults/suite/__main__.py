@@ -12,7 +12,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from faults.suite.outcome import Fault, Row
+from faults.suite.outcome import FaultCase, Row
 from faults.suite.table import FAULTS
 
 CONSOLE = Console(width=170)
@@ -40,7 +40,7 @@ def main() -> int:
     return 1 if failed else 0
 
 
-def carried_out(fault: Fault) -> list[Row]:
+def carried_out(fault: FaultCase) -> list[Row]:
     """Its rows; one that breaks is a row that fails."""
     began = time.monotonic()
     CONSOLE.print(f"{fault.name} …", end=" ")
@@ -55,7 +55,7 @@ def carried_out(fault: Fault) -> list[Row]:
     return rows
 
 
-def table(rows: list[tuple[Fault, Row]]) -> Table:
+def table(rows: list[tuple[FaultCase, Row]]) -> Table:
     """One row a fault."""
     shown = Table("fault", "sessions", "sent", "lost", "doubled", "equal", "recovery [s]", "bar", "note")
     for fault, row in rows:

@@ -13,7 +13,7 @@ from caesura_protocol.messages import Ack
 from faults.suite.bridge_process import PACE
 from faults.suite.outcome import Disturbance, Played, Row
 from faults.suite.stations import SECONDS as LASTS_S
-from faults.suite.stations import STATIONS, Station, found, station_name, teaching, watching
+from faults.suite.stations import STATIONS, TaughtStation, found, station_name, teaching, watching
 from harness.processes import Process, eventually, running, serving
 
 KILLED = 4
@@ -65,7 +65,7 @@ def bridges_killed(directory: Path) -> Row:
         for process in processes:
             process.ready()
         pool = stack.enter_context(ThreadPoolExecutor(KILLED))
-        killed = [Station(p.number, LASTS_S, None, pool.submit(p.ack)) for p in processes]
+        killed = [TaughtStation(p.number, LASTS_S, None, pool.submit(p.ack)) for p in processes]
         done = found(service.endpoint, killed, directory)
         whole = Played(found(service.endpoint, others, directory), watched, Disturbance()).row()
     recovery_s = max(

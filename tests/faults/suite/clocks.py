@@ -23,13 +23,13 @@ from faults.suite.stations import (
     PACE,
     SETTINGS,
     LiveRobot,
-    Station,
+    TaughtStation,
     demonstration,
     reached,
     station_name,
     undisturbed,
 )
-from harness.processes import SESSION, Service, serving
+from harness.processes import SESSION, ServiceProcess, serving
 
 NO_LIBRARY = "not run: there is no libfaketime (scripts/debian.sh faketime)"
 HALF_S = 10.0  # where the clock jumps
@@ -107,7 +107,7 @@ def wall_clock(directory: Path) -> Row:
         return Row(0, 0, 0, 0, "–", None, NO_LIBRARY, met=False)
     reported, seen_s = directory / "offset", list[float]()
     jump(reported, 0)
-    service = Service(directory)
+    service = ServiceProcess(directory)
     environment = {"LD_PRELOAD": library, "FAKETIME_TIMESTAMP_FILE": reported, "FAKETIME_NO_CACHE": 1}
     fake = [f"{name}={value}" for name, value in environment.items()]
     service.command = [
@@ -118,7 +118,7 @@ def wall_clock(directory: Path) -> Row:
         *service.command,
     ]
 
-    def disturb(stations: list[Station], disturbance: Disturbance) -> None:
+    def disturb(stations: list[TaughtStation], disturbance: Disturbance) -> None:
         for share, off_s in SHARES:
             reached(stations, share)
             jump(reported, off_s)

@@ -15,7 +15,7 @@ from caesura_service.offline_segmentation import segment_recording
 from caesura_service.security.credential_store import CredentialStore, IssueRequest, identities
 from clients.conftest import free_port
 from faults.suite.outcome import Row
-from harness.processes import RECORDING, SAMPLES, SESSION, Service, running, snapshot, teaching
+from harness.processes import RECORDING, SAMPLES, SESSION, ServiceProcess, running, snapshot, teaching
 from harness.silent import Silent
 
 CONNECTIONS = 150  # Zenoh accepts ten a second at most while handshakes fail, each after 10 s by default
@@ -36,7 +36,9 @@ def silent_connections(directory: Path) -> Row:
     metrics = free_port()
     options = ("--zenoh-config", str(certificates / "router.json5"), "--metrics", f"127.0.0.1:{metrics}")
     with ExitStack() as stack:
-        service = stack.enter_context(running(Service(directory / "journal", *options, protocol="tls")))
+        service = stack.enter_context(
+            running(ServiceProcess(directory / "journal", *options, protocol="tls"))
+        )
         port = int(service.endpoint.rpartition(":")[2])
         stack.enter_context(Silent(port, CONNECTIONS, source=FROM))
         stack.enter_context(Silent(metrics, CALLERS, source=FROM))

@@ -30,7 +30,7 @@ from faults.suite.outcome import Row
 from faults.suite.stations import CONNECT_S, SESSION, demonstration
 from harness.failing import FailingCalls
 from harness.power import COMPILER, NO_COMPILER
-from harness.processes import DEADLINE_S, Service, eventually, running
+from harness.processes import DEADLINE_S, ServiceProcess, eventually, running
 
 BATCH = 10  # samples
 BEFORE, BATCHES = 5, 20  # batches
@@ -89,7 +89,7 @@ STARTING = (
 )
 
 
-class FailingService(Service):
+class FailingService(ServiceProcess):
     """Calls of it may fail; its log is in a file."""
 
     def __init__(self, directory: Path) -> None:
@@ -140,7 +140,7 @@ class FailingService(Service):
         return "ready" in self._process.stdout.readline() or not self._process.wait(DEADLINE_S)
 
 
-class Taught:
+class RinglessSession:
     """A session without a ring, and what was acknowledged of it."""
 
     def __init__(self, transport: ZenohTransport, station: str, wrong: list[str]) -> None:
@@ -217,11 +217,11 @@ def disk_calls(
     service = FailingService(directory)
     with running(service):
         with ZenohTransport(service.endpoint, timeout_s=CONNECT_S) as transport:
-            beside = Taught(transport, BESIDE, wrong)
+            beside = RinglessSession(transport, BESIDE, wrong)
             taught = [beside]
             failed = 0
             for number, failure in enumerate(while_running):
-                one = Taught(transport, f"cell-{number}", wrong)
+                one = RinglessSession(transport, f"cell-{number}", wrong)
                 taught.append(one)
                 failed += noted(service, failure, wrong, partial(taught_while, service, failure, one, beside))
             eventually(partial(beside.has, BATCHES))
@@ -252,13 +252,15 @@ def noted(service: FailingService, failure: Failure, wrong: list[str], done: Cal
     return found
 
 
-def taught_while(service: FailingService, failure: Failure, one: Taught, beside: Taught) -> int:
+def taught_while(
+    service: FailingService, failure: Failure, one: RinglessSession, beside: RinglessSession
+) -> int:
     """Calls that failed."""
     eventually(one.open)
     eventually(partial(one.has, BEFORE))
     eventually(lambda: beside.has(beside.batches or 1))
     with service.failing(failure):
-        other = Taught(one._transport, f"{one.station}-new", one._wrong)
+        other = RinglessSession(one._transport, f"{one.station}-new", one._wrong)
         other.open()
         one.send(BATCHES)
         beside.send(min(beside.batches + 1, BATCHES))

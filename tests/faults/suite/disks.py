@@ -13,8 +13,8 @@ from pathlib import Path
 from caesura_clients import Caesura, connect
 from caesura_protocol.errors import CaesuraError
 from faults.suite.outcome import FULL, Disturbance, Row, Scale, played
-from faults.suite.stations import Station, reached
-from harness.processes import DEADLINE_S, Service, eventually
+from faults.suite.stations import TaughtStation, reached
+from harness.processes import DEADLINE_S, ServiceProcess, eventually
 
 DISK_MB = 32
 DAMAGE = b"\xff" * 4096
@@ -43,14 +43,14 @@ def disk_full(directory: Path) -> Row:
 
     try:
         with small_disk(directory):
-            return in_trouble(Service(directory), fill, ballast.unlink, f"{DISK_MB} MB tmpfs filled")
+            return in_trouble(ServiceProcess(directory), fill, ballast.unlink, f"{DISK_MB} MB tmpfs filled")
     except subprocess.CalledProcessError:
         return Row(0, 0, 0, 0, "–", None, "not run: mounting is not permitted; see disk-unwritable", met=True)
 
 
 def disk_unwritable(directory: Path, scale: Scale = FULL) -> Row:
     """Every write fails, as on a disk that the kernel made read-only: by the process' limit on file sizes."""
-    service = Service(directory)
+    service = ServiceProcess(directory)
 
     def limit(size: int) -> None:
         resource.prlimit(service.pid, resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
@@ -60,12 +60,12 @@ def disk_unwritable(directory: Path, scale: Scale = FULL) -> Row:
 
 
 def in_trouble(
-    service: Service, begin: Callable[[], None], end: Callable[[], None], how: str, scale: Scale = FULL
+    service: ServiceProcess, begin: Callable[[], None], end: Callable[[], None], how: str, scale: Scale = FULL
 ) -> Row:
     """The journal cannot write from a fifth to half of the demonstrations, and the status says so."""
     reported: list[str] = []
 
-    def disturb(stations: list[Station], disturbance: Disturbance) -> None:
+    def disturb(stations: list[TaughtStation], disturbance: Disturbance) -> None:
         reached(stations, 0.2)
         begin()
         with connect(service.endpoint, timeout_s=DEADLINE_S) as caesura:
@@ -107,13 +107,13 @@ def file_torn(directory: Path) -> Row:
     return damaged(directory, middle_of_file)
 
 
-def tail_of_log(service: Service) -> str:
+def tail_of_log(service: ServiceProcess) -> str:
     log = service.journal / "caesura-1.sqlite-wal"
     log.write_bytes(log.read_bytes()[: -len(DAMAGE)] + DAMAGE)
     return "last page of the log"
 
 
-def checkpointed(service: Service) -> Path:
+def checkpointed(service: ServiceProcess) -> Path:
     """The file, with everything in it: what is in the log would heal it."""
     file = service.journal / "caesura-1.sqlite"
     with closing(sqlite3.connect(file)) as database:
@@ -121,7 +121,7 @@ def checkpointed(service: Service) -> Path:
     return file
 
 
-def middle_of_file(service: Service) -> str:
+def middle_of_file(service: ServiceProcess) -> str:
     file = checkpointed(service)
     content = bytearray(file.read_bytes())
     middle = len(content) // (2 * len(DAMAGE)) * len(DAMAGE)
@@ -130,7 +130,7 @@ def middle_of_file(service: Service) -> str:
     return f"page {middle // len(DAMAGE)} of {len(content) // len(DAMAGE)}, set aside by the service"
 
 
-def head_of_file(service: Service) -> str:
+def head_of_file(service: ServiceProcess) -> str:
     file = checkpointed(service)
     file.write_bytes(DAMAGE + file.read_bytes()[len(DAMAGE) :])
     refused = subprocess.run(service.command, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
@@ -141,17 +141,17 @@ def head_of_file(service: Service) -> str:
     return f"refused: …{refused.stderr.strip()[-70:]}; moved away"
 
 
-def damaged(directory: Path, damage: Callable[[Service], str]) -> Row:
+def damaged(directory: Path, damage: Callable[[ServiceProcess], str]) -> Row:
     """A service is killed, its journal damaged, and it is started again."""
 
-    def disturb(stations: list[Station], disturbance: Disturbance) -> None:
+    def disturb(stations: list[TaughtStation], disturbance: Disturbance) -> None:
         reached(stations, 0.4)
         service.kill()
         disturbance.note = damage(service)
         disturbance.is_over()
         service.start()
 
-    service = Service(directory)
+    service = ServiceProcess(directory)
     try:
         service.start()
         return played(service.endpoint, directory, disturb).row()

@@ -27,7 +27,7 @@ from caesura_service.segmentation.pipeline import make_pipeline
 from caesura_service.sessions.limits import Limits
 from faults.suite.outcome import Row
 from harness.demonstrations import taught
-from harness.processes import DEADLINE_S, SESSION, Service, reaches
+from harness.processes import DEADLINE_S, SESSION, ServiceProcess, reaches
 
 STATION = "cell-1"
 SECONDS = 300.0  # of the demonstration
@@ -71,7 +71,7 @@ def edited_restart(directory: Path, seconds: float = SECONDS, edits: int = EDITS
 def restarted(directory: Path, seconds: float, edits: int) -> Restart:
     """A service that is killed on a journal with such a session, and its next start."""
     expected = write(directory, seconds, edits)
-    service = Service(directory)
+    service = ServiceProcess(directory)
     try:
         for _ in range(STARTS):
             began = time.monotonic()

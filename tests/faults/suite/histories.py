@@ -47,7 +47,7 @@ from caesura_service.segmentation.pipeline import make_pipeline
 from faults.suite.outcome import Row
 from faults.suite.proxy import Proxy, proxied
 from harness.demonstrations import taught
-from harness.processes import Service, eventually
+from harness.processes import ServiceProcess, eventually
 
 SEED = 12
 WRITERS, EDITORS, SESSIONS = 2, 4, 2  # sessions of each writer, one after the other
@@ -174,7 +174,7 @@ def carried_out(transport: ZenohTransport, key: Key, made: Edit, over: threading
 
 
 def disturb(
-    service: Service,
+    service: ServiceProcess,
     lines: Sequence[Proxy],
     rng: random.Random,
     history: History,
@@ -210,7 +210,7 @@ def disturb(
 def histories(directory: Path, seed: int = SEED) -> Row:
     """All of it, and what the model says of it."""
     rng, history, over = random.Random(seed), History(), threading.Event()
-    service = Service(directory, "--journal-commit-s", f"{COMMIT_S:g}")
+    service = ServiceProcess(directory, "--journal-commit-s", f"{COMMIT_S:g}")
     with ExitStack() as stack:
         stack.callback(service.kill)
         service.start()

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from caesura_clients import connect
 from faults.suite.outcome import FULL, Disturbance, Row, Scale, played
-from faults.suite.stations import CONNECT_S, Station, reached
-from harness.processes import Process, Service, running
+from faults.suite.stations import CONNECT_S, TaughtStation, reached
+from harness.processes import Process, ServiceProcess, running
 
 SCRIPT = str(Path(__file__).with_name("hostile_process.py"))
 # What is sent → how often a second, and how often at least, or it proves nothing.
@@ -33,7 +33,7 @@ class Reporting(Process):
         return found
 
 
-class LoggedService(Service):
+class LoggedService(ServiceProcess):
     """With its log in a file."""
 
     def begin(self) -> None:
@@ -55,7 +55,7 @@ def hostile(what: str, directory: Path, scale: Scale = FULL, share: float = 1.0)
     """From the first samples to the last. share: of how much is to be sent at least."""
     per_s, least = ATTACKS[what]
 
-    def disturb(stations: list[Station], _: Disturbance) -> None:
+    def disturb(stations: list[TaughtStation], _: Disturbance) -> None:
         reached(stations, 0.1)
         before.append(service.peak_mb())
         attacker.start()

@@ -54,7 +54,7 @@ class Shim:
         return int(self._from(0, 0))
 
 
-class Found(NamedTuple):
+class FailureOutcome(NamedTuple):
     """What came of one failure."""
 
     failed: int  # calls
@@ -62,7 +62,7 @@ class Found(NamedTuple):
     wrong: list[str]
 
 
-class Instance:
+class ServiceWithClient:
     """A service on a journal, with its client."""
 
     def __init__(self, directory: Path, shim: Shim) -> None:
@@ -221,10 +221,12 @@ def others(registry: Registry) -> None:
     registry.handle_command(OTHERS[0], opening(), 0.0)
 
 
-def tried(prepared: Path, directory: Path, shim: Shim, fail: Callable[[], None], expected: object) -> Found:
+def tried(
+    prepared: Path, directory: Path, shim: Shim, fail: Callable[[], None], expected: object
+) -> FailureOutcome:
     """The script with one failure, and what is there in the end."""
     shutil.copytree(prepared, directory)
-    instance = Instance(directory, shim)
+    instance = ServiceWithClient(directory, shim)
     fail()
     try:
         instance.script()
@@ -240,7 +242,7 @@ def tried(prepared: Path, directory: Path, shim: Shim, fail: Callable[[], None],
     for file in instance.directory.glob("*damaged*"):
         instance.wrong.append(f"a whole file was set aside as {file.name}")
     shutil.rmtree(instance.directory, ignore_errors=True)
-    return Found(failed, instance.said, instance.wrong)
+    return FailureOutcome(failed, instance.said, instance.wrong)
 
 
 def everything(registry: Registry) -> dict[str, object]:
@@ -262,7 +264,7 @@ def main(directory: Path, stride: int = 1) -> None:
     prepared.mkdir()
     with SqliteJournal(prepared / "j.sqlite", ON_SIGNAL) as journal:
         others(new_registry(journal))
-    whole = Instance(directory / "whole", shim)
+    whole = ServiceWithClient(directory / "whole", shim)
     shutil.copytree(prepared, whole.directory)
     whole.script()
     assert whole.said + whole.wrong == []

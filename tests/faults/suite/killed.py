@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 from faults.suite.outcome import FULL, Disturbance, Row, Scale, played
-from faults.suite.stations import Station, reached
+from faults.suite.stations import TaughtStation, reached
 from harness.processes import Process, Router, running, serving
 
 FROZEN_S = 10.0
@@ -19,7 +19,7 @@ def service_killed(directory: Path) -> Row:
     rng = random.Random(SEED)
     moments = [(third + rng.uniform(0.1, 0.7)) / 3 for third in range(3)]
 
-    def disturb(stations: list[Station], disturbance: Disturbance) -> None:
+    def disturb(stations: list[TaughtStation], disturbance: Disturbance) -> None:
         for share in moments:
             reached(stations, share)
             service.kill()
@@ -39,7 +39,7 @@ def service_killed(directory: Path) -> Row:
 def router_killed(directory: Path, scale: Scale = FULL) -> Row:
     """Twice; service and bridges are its clients."""
 
-    def disturb(stations: list[Station], disturbance: Disturbance) -> None:
+    def disturb(stations: list[TaughtStation], disturbance: Disturbance) -> None:
         for share in (0.25, 0.6):
             reached(stations, share)
             router.kill()
@@ -54,7 +54,7 @@ def router_killed(directory: Path, scale: Scale = FULL) -> Row:
 def frozen(which: str, directory: Path) -> Row:
     """SIGSTOP for FROZEN_S, of the service or of the router between it and the bridges."""
 
-    def disturb(stations: list[Station], disturbance: Disturbance) -> None:
+    def disturb(stations: list[TaughtStation], disturbance: Disturbance) -> None:
         reached(stations, 0.2)
         process: Process = {"service": service, "router": router}[which]
         process.freeze()

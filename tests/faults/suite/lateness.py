@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from caesura_service.offline_segmentation import opening_of
 from caesura_service.segmentation.pipeline import make_pipeline
 from faults.suite.outcome import Played
-from faults.suite.stations import Station, demonstration
+from faults.suite.stations import TaughtStation, demonstration
 
 SLACK_S = 1e-9  # of a time that was added up
 
@@ -31,7 +31,7 @@ def lateness_ms(done: Played) -> list[float]:
     return late
 
 
-def given(station: Station) -> NDArray[np.float64]:
+def given(station: TaughtStation) -> NDArray[np.float64]:
     """(batches,) [s] monotonic, when the robot gave the last sample of each batch."""
     assert station.robot is not None
     at, until = np.array(station.robot.given).T
@@ -41,7 +41,7 @@ def given(station: Station) -> NDArray[np.float64]:
     return found
 
 
-def known(station: Station) -> NDArray[np.float64]:
+def known(station: TaughtStation) -> NDArray[np.float64]:
     """(batches,) [s] the newest observation after each batch."""
     return _known(station.number, station.seconds, _batch_samples(station))
 
@@ -64,6 +64,6 @@ def _ends(samples: int, batch_samples: int) -> NDArray[np.int64]:
     return whole if samples % batch_samples == 0 else np.append(whole, samples)
 
 
-def _batch_samples(station: Station) -> int:
+def _batch_samples(station: TaughtStation) -> int:
     assert station.bridge is not None
     return station.bridge.settings.batch_samples

@@ -10,7 +10,7 @@ from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from faults.suite.outcome import FULL, Disturbance, Row, Scale, played
 from faults.suite.proxy import proxied
 from faults.suite.relay import Line, relayed
-from faults.suite.stations import CONNECT_S, Station, reached
+from faults.suite.stations import CONNECT_S, TaughtStation, reached
 from harness.processes import Router, eventually, running, serving
 
 JITTER_S = 0.3
@@ -20,7 +20,7 @@ STALL_S = 4.0  # longer than the lease
 def bad_line(directory: Path) -> Row:
     """300 ms of jitter all the time, connections that are cut, and one stall."""
 
-    def disturb(stations: list[Station], disturbance: Disturbance) -> None:
+    def disturb(stations: list[TaughtStation], disturbance: Disturbance) -> None:
         proxy.jitter_s = JITTER_S
         for share in (0.2, 0.4):
             reached(stations, share)

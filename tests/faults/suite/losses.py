@@ -18,9 +18,17 @@ from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Ack, Edit, Insert, Open
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from faults.suite.outcome import FULL, Disturbance, Row, Scale, played
-from faults.suite.stations import CONNECT_S, SESSION, SETTINGS, STATIONS, Station, demonstration, reached
+from faults.suite.stations import (
+    CONNECT_S,
+    SESSION,
+    SETTINGS,
+    STATIONS,
+    TaughtStation,
+    demonstration,
+    reached,
+)
 from harness.power import COMPILER, NO_COMPILER, Power
-from harness.processes import Service, eventually
+from harness.processes import ServiceProcess, eventually
 
 LOSSES = 10
 SEED = 8
@@ -87,10 +95,10 @@ def power_loss(directory: Path, scale: Scale | None = None, losses: int = LOSSES
     rng = random.Random(SEED)
     power, ledger = Power(directory / "journal", directory), Ledger()
     forgotten: list[int] = []
-    service = Service(power.directory)
+    service = ServiceProcess(power.directory)
     service.command = power.command(service.command)
 
-    def disturb(stations: list[Station], disturbance: Disturbance) -> None:
+    def disturb(stations: list[TaughtStation], disturbance: Disturbance) -> None:
         for part in range(losses):
             reached(stations, (part + rng.uniform(0.1, 0.8)) / losses)
             ledger.write(service.endpoint)

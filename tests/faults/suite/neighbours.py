@@ -21,7 +21,7 @@ from caesura_protocol.keys import service_key, station_key
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from faults.suite.lateness import lateness_ms
 from faults.suite.outcome import Disturbance, Row, Scale, played
-from faults.suite.stations import CONNECT_S, Station, reached
+from faults.suite.stations import CONNECT_S, TaughtStation, reached
 from harness.attacker import SESSION, STATION, STORING, Attacker
 from harness.journals import write_short_sessions
 from harness.processes import Router, running, serving
@@ -45,7 +45,7 @@ ANSWER_S = 1.0  # that an answer takes at most
 
 
 @dataclass
-class Answers:
+class NeighbourAnswers:
     """The answers to a reader who asks about one of the seven."""
 
     took_s: list[float] = field(default_factory=list)  # [s]
@@ -68,9 +68,9 @@ def hostile_station(
     """`harness.attacker` for as long as the others are taught. stored: sessions in the journal before."""
     if stored:
         write_stored_sessions(directory, stored)
-    did, answers = Counter[str](), Answers()
+    did, answers = Counter[str](), NeighbourAnswers()
 
-    def disturb(stations: list[Station], disturbance: Disturbance) -> None:
+    def disturb(stations: list[TaughtStation], disturbance: Disturbance) -> None:
         with asking(service.endpoint, stations[0].name, answers):
             reached(stations, LASTS)
         with ZenohTransport(service.endpoint, timeout_s=CONNECT_S) as transport:
@@ -95,7 +95,7 @@ def hostile_station(
 
 
 @contextmanager
-def asking(endpoint: str, station: str, answers: Answers) -> Iterator[None]:
+def asking(endpoint: str, station: str, answers: NeighbourAnswers) -> Iterator[None]:
     """Ask for a station's program and the service's status while the context lasts."""
     over = threading.Event()
 

@@ -28,7 +28,7 @@ from faults.suite.edited import JOURNAL, registry_on, results, write
 from faults.suite.lateness import lateness_ms
 from faults.suite.neighbours import HONEST, LASTS, LIMIT_MS
 from faults.suite.outcome import Disturbance, Row, Scale, played
-from faults.suite.stations import CONNECT_S, Station, reached
+from faults.suite.stations import CONNECT_S, TaughtStation, reached
 from harness.processes import SESSION, serving
 
 STATION = "cell-old"
@@ -45,7 +45,7 @@ def old_session_edited(directory: Path, scale: Scale = HONEST, seconds: float = 
     expected, longest_s = undisturbed(alone, edit)
     after: list[Snapshot] = []
 
-    def disturb(stations: list[Station], disturbance: Disturbance) -> None:
+    def disturb(stations: list[TaughtStation], disturbance: Disturbance) -> None:
         with ZenohTransport(service.endpoint, timeout_s=CONNECT_S) as transport:
             began = time.monotonic()
             snapshot(transport, STATION, SESSION)

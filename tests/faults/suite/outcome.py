@@ -14,8 +14,8 @@ from faults.suite.stations import (
     SECONDS,
     SETTINGS,
     STATIONS,
-    Found,
-    Station,
+    StationResults,
+    TaughtStation,
     Watched,
     found,
     teaching,
@@ -42,7 +42,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Fault:
+class FaultCase:
     """One of them: how it is done, under which name."""
 
     name: str
@@ -64,7 +64,7 @@ class Disturbance:
 class Played:
     """The stations at their end, and what was seen on the way."""
 
-    found: list[Found]
+    found: list[StationResults]
     watched: Watched
     disturbance: Disturbance
 
@@ -127,7 +127,7 @@ FULL = Scale()
 def played(
     endpoint: str,
     journal: Path,
-    disturb: Callable[[list[Station], Disturbance], None],
+    disturb: Callable[[list[TaughtStation], Disturbance], None],
     *,
     through: str | None = None,
     scale: Scale = FULL,

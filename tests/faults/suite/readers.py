@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from faults.suite.outcome import Disturbance, Played, Row, played
-from faults.suite.stations import Station, reached
+from faults.suite.stations import TaughtStation, reached
 from harness.processes import Process, serving
 
 DASHBOARDS = 3
@@ -26,7 +26,7 @@ with connect(sys.argv[1]) as caesura:
 """
 
 
-class Dashboard(Process):
+class DashboardReader(Process):
     """Follows every session; ready once it has seen something."""
 
     def __init__(self, endpoint: str) -> None:
@@ -36,7 +36,7 @@ class Dashboard(Process):
 def slow_dashboards(directory: Path) -> Row:
     """Frozen in the middle, for the rest of the demonstrations."""
 
-    def disturb(stations: list[Station], disturbance: Disturbance) -> None:
+    def disturb(stations: list[TaughtStation], disturbance: Disturbance) -> None:
         for dashboard in dashboards:
             dashboard.begin()
         for dashboard in dashboards:
@@ -47,7 +47,7 @@ def slow_dashboards(directory: Path) -> Row:
         disturbance.is_over()
 
     with serving(directory) as service, ExitStack() as stack:
-        dashboards = [Dashboard(service.endpoint) for _ in range(DASHBOARDS)]
+        dashboards = [DashboardReader(service.endpoint) for _ in range(DASHBOARDS)]
         for dashboard in dashboards:
             stack.callback(dashboard.kill)
         done = played(service.endpoint, directory, disturb)

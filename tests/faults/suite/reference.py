@@ -30,14 +30,14 @@ from faults.suite.stations import demonstration, undisturbed
 TOLERANCE = 1e-6  # of times [s], places [m], forces [N], probabilities
 
 
-class Part(NamedTuple):
+class ComparedSegment(NamedTuple):
     """A segment, as far as both say the same of it."""
 
     kind: str
     numbers: tuple[float, ...]  # t0, tn, probability, place at its start and end, force at its start and end
 
 
-def by_reference(recording: Recording) -> list[Part]:
+def by_reference(recording: Recording) -> list[ComparedSegment]:
     """The segments of a recording with a tared flange sensor, and without gaps."""
     layout, preset = layout_of(opening_of(recording)), preset_named("default")
     conditioner = Conditioner(layout, arithmetic=REFERENCE)
@@ -69,7 +69,9 @@ def _places(observations: Sequence[Observation]) -> list[float]:
     return [*places, observations[-1].t]
 
 
-def _part_between(observations: Sequence[Observation], t0: float, tn: float, one: InferredSegment) -> Part:
+def _part_between(
+    observations: Sequence[Observation], t0: float, tn: float, one: InferredSegment
+) -> ComparedSegment:
     """A segment from t0 to tn [s], with what was observed next to these; of two as near, the earlier one.
 
     Where one observation is next to both, the segment has its own first and last one.
@@ -87,7 +89,7 @@ def _part_between(observations: Sequence[Observation], t0: float, tn: float, one
     )
 
 
-def by_pipeline(view: PipelineView) -> list[Part]:
+def by_pipeline(view: PipelineView) -> list[ComparedSegment]:
     """The segments of the undisturbed run, with which every disturbed one is compared."""
     return [
         part(
@@ -100,9 +102,9 @@ def by_pipeline(view: PipelineView) -> list[Part]:
     ]
 
 
-def part(kind: str, numbers: tuple[float, ...], *vectors: list[np.ndarray]) -> Part:
+def part(kind: str, numbers: tuple[float, ...], *vectors: list[np.ndarray]) -> ComparedSegment:
     flat = np.concatenate([vector for some in vectors for vector in some])
-    return Part(kind, (*numbers, *flat.tolist()))
+    return ComparedSegment(kind, (*numbers, *flat.tolist()))
 
 
 def reference(directory: Path, scale: Scale = FULL) -> Row:

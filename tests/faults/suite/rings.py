@@ -8,7 +8,7 @@ from pathlib import Path
 
 from caesura_clients import connect
 from faults.suite.outcome import FULL, Disturbance, Row, Scale, played
-from faults.suite.stations import SETTINGS, Station, reached
+from faults.suite.stations import SETTINGS, TaughtStation, reached
 from harness.processes import DEADLINE_S, eventually, reaches, serving
 
 SMALL = replace(SETTINGS, ring_samples=400, window_batches=8)  # 2 s
@@ -18,7 +18,7 @@ AWAY_S = 4.0
 def ring_too_small(directory: Path, scale: Scale = FULL, away_s: float = AWAY_S) -> Row:
     """A ring of 2 s, a service that is away for longer."""
 
-    def disturb(stations: list[Station], disturbance: Disturbance) -> None:
+    def disturb(stations: list[TaughtStation], disturbance: Disturbance) -> None:
         reached(stations, 0.2)
         with connect(service.endpoint, timeout_s=DEADLINE_S) as caesura:
             for station in stations:  # what the journal never had has no beginning

@@ -76,7 +76,7 @@ def station_name(number: int) -> str:
 
 
 @dataclass
-class Station:
+class TaughtStation:
     """One of them."""
 
     number: int
@@ -155,7 +155,7 @@ def teaching(
     seconds: float = SECONDS,
     pace: float = PACE,
     settings: BridgeSettings = SETTINGS,
-) -> Iterator[list[Station]]:
+) -> Iterator[list[TaughtStation]]:
     """The stations, from when every session is open until every bridge is gone."""
     recordings = [demonstration(number, seconds) for number in numbers]
     with ExitStack() as stack:
@@ -167,21 +167,21 @@ def teaching(
             bridge = Bridge(transport, station_name(number), source, session=SESSION, settings=settings)
             stack.enter_context(bridge)
             bridge.wait_open(CONNECT_S)
-            stations.append(Station(number, seconds, bridge, pool.submit(bridge.run), source))
+            stations.append(TaughtStation(number, seconds, bridge, pool.submit(bridge.run), source))
         yield stations
 
 
-def reached(stations: list[Station], share: float) -> None:
+def reached(stations: list[TaughtStation], share: float) -> None:
     """Wait until every robot has given such a share of its samples."""
     for station in stations:
         eventually(partial(station.has_given, share))
 
 
 @dataclass(frozen=True)
-class Found:
+class StationResults:
     """A station at its end."""
 
-    station: Station
+    station: TaughtStation
     ack: Ack | None
     snapshot: Snapshot
     taken_t: NDArray[np.float64]  # [s] of every sample of every batch in the journal, as it is there
@@ -226,12 +226,12 @@ class Found:
         return next((name for name in differ if name not in ignoring), None)
 
 
-def found(endpoint: str, stations: list[Station], journal: Path) -> list[Found]:
+def found(endpoint: str, stations: list[TaughtStation], journal: Path) -> list[StationResults]:
     """Every station at its end. Raises where a bridge could not close its session."""
     acks = [station.end.result(CLOSE_S + station.seconds) for station in stations]
     with ZenohTransport(endpoint, timeout_s=CONNECT_S) as transport:
         return [
-            Found(station, ack, asked(transport, station.name), taken(journal, station))
+            StationResults(station, ack, asked(transport, station.name), taken(journal, station))
             for station, ack in zip(stations, acks, strict=True)
         ]
 
@@ -251,7 +251,7 @@ def asked(transport: ZenohTransport, station: str) -> Snapshot:
     return known[0]
 
 
-def taken(journal: Path, station: Station) -> NDArray[np.float64]:
+def taken(journal: Path, station: TaughtStation) -> NDArray[np.float64]:
     """[s] times of a station's samples in the journal, record by record, whatever their numbers are."""
     with SqliteJournal(journal / "caesura-1.sqlite", alone=False) as opened:
         messages = [record.message for record in opened.replay(station.name, SESSION)]

@@ -15,7 +15,7 @@ import numpy as np
 from caesura_clients import connect
 from faults.suite.outcome import Row
 from faults.suite.proxy import Proxy, proxied
-from harness.processes import SESSION, Process, Router, Service, running, serving
+from harness.processes import SESSION, Process, Router, ServiceProcess, running, serving
 
 MOST_S = 0.005
 BEFORE_S, AFTER_S = 1.0, 3.0
@@ -39,7 +39,7 @@ class RobotLoop(Process):
 class Scene:
     """What can be broken."""
 
-    service: Service
+    service: ServiceProcess
     router: Router
     proxy: Proxy
 

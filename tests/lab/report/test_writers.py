@@ -61,7 +61,7 @@ def part(recording: Recording, first: int, last: int) -> Recording:
     return replace(recording, t=recording.t[cut], signals=signals)
 
 
-class Page(HTMLParser):
+class ParsedTables(HTMLParser):
     """Rows of cells, and a complaint where a tag is not closed."""
 
     def __init__(self, text: str) -> None:
@@ -101,7 +101,7 @@ def test_png_is_page_one_at_150_dots_an_inch(content: ReportData, tmp_path: Path
 
 
 def test_html_has_every_segment_and_app_in_a_table(content: ReportData, html: str):
-    page = Page(html)
+    page = ParsedTables(html)
     assert not page.open
     rows = [row for row in page.rows if row and row[0].isdigit()]
     assert [row[1] for row in rows] == [
@@ -112,7 +112,7 @@ def test_html_has_every_segment_and_app_in_a_table(content: ReportData, html: st
 
 def test_html_needs_no_other_file_and_names_nothing_twice(html: str):
     assert not re.search(r"https?:|//\w+\.|@import|<script|<link", html)
-    ids = Page(html).ids
+    ids = ParsedTables(html).ids
     assert len(ids) == len(set(ids))
     assert set(re.findall(r'(?:href="|url\()#([\w.-]+)', html)) <= set(ids)
 

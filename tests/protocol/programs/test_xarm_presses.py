@@ -151,7 +151,7 @@ def test_a_force_is_pressed_along_the_axis_from_which_it_leans_least():
 
 
 def test_an_interrupted_press_stops_its_way_before_its_force_ends():
-    class Interrupted(MovingArm):
+    class InterruptedPress(MovingArm):
         def sleep(self, seconds: float) -> None:
             super().sleep(seconds)
             if self.presses and self.queue and self.pose[0] > 20.0:
@@ -161,7 +161,7 @@ def test_an_interrupted_press_stops_its_way_before_its_force_ends():
             assert mode == 2 or not self.queue
             return super().set_ft_sensor_mode(mode)
 
-    arm = Interrupted(lambda x, y: 0.19)
+    arm = InterruptedPress(lambda x, y: 0.19)
     with pytest.raises(KeyboardInterrupt):
         moved(on_xarm(slid(4.0)), arm)
     assert not arm.presses

@@ -280,7 +280,7 @@ def test_the_sensor_is_zeroed_before_the_first_movement():
 @pytest.mark.parametrize("height_m", [0.25, 0.195])
 def test_an_interrupted_script_stops_the_arm(height_m: float):
     # After Ctrl-C the arm went on with the legs that were sent.
-    class Interrupted(MovingArm):
+    class InterruptedMove(MovingArm):
         def sleep(self, seconds: float) -> None:
             super().sleep(seconds)
             if self.pose[2] < 1000 * height_m and (self.queue or any(self.velocity)):
@@ -288,7 +288,7 @@ def test_an_interrupted_script_stops_the_arm(height_m: float):
 
     touch, pressed, away = press()
     from_above = path_from((-0.02, -0.52, 0.4), touch.t0, touch.tn, 0.21)
-    arm = Interrupted(lambda x, y: 0.19)
+    arm = InterruptedMove(lambda x, y: 0.19)
     with pytest.raises(KeyboardInterrupt):
         moved(on_xarm((touch.model_copy(update={"path": from_above}), pressed, away)), arm)
     assert not arm.queue
@@ -371,7 +371,7 @@ def test_an_arm_that_is_not_ready_any_more_does_not_go_on(state: int):
 
 def test_a_lost_connection_says_that_the_arm_may_go_on(capsys: pytest.CaptureFixture[str]):
     # The controller goes on with its legs and its force, and the script said that it had stopped.
-    class Lost(MovingArm):
+    class LostArm(MovingArm):
         def sleep(self, seconds: float) -> None:
             super().sleep(seconds)
             if self.presses and self.queue and self.pose[0] > 20.0:
@@ -379,7 +379,7 @@ def test_a_lost_connection_says_that_the_arm_may_go_on(capsys: pytest.CaptureFix
                     getattr(self.api, name).side_effect = lambda *_: -1
                 self.api.get_state.side_effect = lambda: (-1, "xArm is not connect")
 
-    arm = Lost(lambda x, y: 0.19)
+    arm = LostArm(lambda x, y: 0.19)
     with pytest.raises(Exception, match=r"app 2 \(apply force\): .*the SDK's code is -1"):
         moved(on_xarm(slid(4.0)), arm)
     said = capsys.readouterr().err

@@ -140,17 +140,17 @@ def steps_of_a_commit(journal: SqliteJournal, seqs: range) -> int:
     return next(steps)
 
 
-class Refusal(NamedTuple):
+class RefusedBatch(NamedTuple):
     seq: int
     reason: str
 
 
-def until_refused(journal: SqliteJournal, seqs: range, *, now: bool = False) -> Refusal:
+def until_refused(journal: SqliteJournal, seqs: range, *, now: bool = False) -> RefusedBatch:
     for seq in seqs:
         try:
             journal.append(record(seq), now=now)
         except JournalError as error:
-            return Refusal(seq, str(error))
+            return RefusedBatch(seq, str(error))
     raise AssertionError("everything was taken")
 
 

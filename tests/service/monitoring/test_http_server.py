@@ -222,7 +222,7 @@ def test_the_place_that_is_given_away_is_the_oldest_of_the_address_that_holds_th
 def test_a_probe_does_not_wait_for_scrapes_and_those_are_limited():
     begun, go_on = threading.Semaphore(0), threading.Event()
 
-    class Slow:
+    class SlowCollector:
         def collect(self) -> list[Metric]:
             begun.release()
             assert go_on.wait(DEADLINE_S)
@@ -232,7 +232,7 @@ def test_a_probe_does_not_wait_for_scrapes_and_those_are_limited():
             return []
 
     registry = CollectorRegistry()
-    registry.register(Slow())
+    registry.register(SlowCollector())
     with (
         HttpServer("127.0.0.1:0", registry, alive=lambda: Health(True), ready=lambda: Health(True)) as web,
         ThreadPoolExecutor(SCRAPES + 1) as pool,

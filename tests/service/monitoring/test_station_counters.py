@@ -168,14 +168,14 @@ def test_a_hostile_sender_is_logged_once_and_then_by_number(caplog):
 def test_a_refusal_while_another_call_gives_way_is_its_own_stations(caplog):
     """A log said that an honest station was refused, with the words of another."""
 
-    class GivingWay(FakePipeline):
+    class RejectingPipeline(FakePipeline):
         def push(self, samples: NDArray[np.float64]) -> bool:
             registry.reject("hostile", ProtocolError("malformed", "rubbish"))
             return super().push(samples)
 
     def make(opening: Open, default_preset: str) -> Pipeline:
         fake = make_fake_pipeline(opening, default_preset)
-        return GivingWay(fake.preset, fake.wrench)
+        return RejectingPipeline(fake.preset, fake.wrench)
 
     clock = Clock(100.0)
     registry = watched(clock, factory=make)

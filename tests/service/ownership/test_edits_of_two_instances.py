@@ -38,21 +38,21 @@ from harness.sessions import (
     opening,
     published,
 )
-from service.ownership.test_takeover import COUNT, Instance, has_checked
+from service.ownership.test_takeover import COUNT, RestartableRegistry, has_checked
 from service.sessions.edits import T, compared, edit, refused, stepped
 
 
 @pytest.fixture
-def pair(tmp_path: Path) -> Iterator[tuple[Instance, Instance]]:
+def pair(tmp_path: Path) -> Iterator[tuple[RestartableRegistry, RestartableRegistry]]:
     with ExitStack() as stack:
-        yield Instance(tmp_path, "a", stack), Instance(tmp_path, "b", stack)
+        yield RestartableRegistry(tmp_path, "a", stack), RestartableRegistry(tmp_path, "b", stack)
 
 
-def corrected(instance: Instance, revision: int = 0, action: Any = None) -> Ack | ProtocolError:
+def corrected(instance: RestartableRegistry, revision: int = 0, action: Any = None) -> Ack | ProtocolError:
     return answer(instance.registry.handle_command(STATION, edit(revision, action), 9.0))
 
 
-def named(instance: Instance, revision: int) -> Ack | ProtocolError:
+def named(instance: RestartableRegistry, revision: int) -> Ack | ProtocolError:
     action = NameProgram(name=f"version {revision}")
     command = EditProgram(session=NAME, revision=revision, author="Ann", action=action)
     return answer(instance.registry.handle_command(STATION, command, 9.0))
@@ -345,7 +345,7 @@ steps = st.lists(
 )
 
 
-def edited(instance: Instance, action: Any) -> bool:
+def edited(instance: RestartableRegistry, action: Any) -> bool:
     """Was it acknowledged, and once more where it is asked for again?
 
     A session that is known by its outcome is rebuilt first.
@@ -365,7 +365,7 @@ def edited(instance: Instance, action: Any) -> bool:
 @given(steps)
 def test_whatever_happens_between_two_instances_no_acknowledged_edit_is_lost(steps: list[Any]):
     with tempfile.TemporaryDirectory() as directory, ExitStack() as stack:
-        owner, other = (Instance(Path(directory), name, stack) for name in "ab")
+        owner, other = (RestartableRegistry(Path(directory), name, stack) for name in "ab")
         owner.open()
         model, expected = EditHistory(), 0
         for step in steps:

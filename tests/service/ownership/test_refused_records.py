@@ -34,27 +34,29 @@ from caesura_service.journal.sqlite_statements import TAKEOVERS
 from caesura_service.publishing.events import SessionDeleted
 from caesura_service.publishing.session_state import program_of
 from harness.sessions import NAME, STATION, answer, opening
-from service.ownership.test_takeover import BATCHES, COUNT, EXPECTED, Instance, reported
+from service.ownership.test_takeover import BATCHES, COUNT, EXPECTED, RestartableRegistry, reported
 from service.sessions.edits import compared, edit, stepped
 
 
 @pytest.fixture
-def pair(tmp_path: Path) -> Iterator[tuple[Instance, Instance]]:
+def pair(tmp_path: Path) -> Iterator[tuple[RestartableRegistry, RestartableRegistry]]:
     with ExitStack() as stack:
-        yield Instance(tmp_path, "a", stack), Instance(tmp_path, "b", stack)
+        yield RestartableRegistry(tmp_path, "a", stack), RestartableRegistry(tmp_path, "b", stack)
 
 
-def asked(instance: Instance, command: Command) -> Ack | ProtocolError:
+def asked(instance: RestartableRegistry, command: Command) -> Ack | ProtocolError:
     return answer(instance.registry.handle_command(STATION, command, 9.0))
 
 
-def frozen(instance: Instance, command: Command, meanwhile: Callable[[], None]) -> None:
+def frozen(instance: RestartableRegistry, command: Command, meanwhile: Callable[[], None]) -> None:
     """The instance is frozen just before it records the command, which is refused after that."""
     assert isinstance(refused := froze(instance, command, meanwhile), ProtocolError)
     assert refused.code == "overloaded"
 
 
-def froze(instance: Instance, command: Command, meanwhile: Callable[[], None]) -> Ack | ProtocolError:
+def froze(
+    instance: RestartableRegistry, command: Command, meanwhile: Callable[[], None]
+) -> Ack | ProtocolError:
     """Return the answer of an instance that is frozen just before it records the command."""
     append = instance.journal.append
 
@@ -68,7 +70,7 @@ def froze(instance: Instance, command: Command, meanwhile: Callable[[], None]) -
         return asked(instance, command)
 
 
-def succeeding(instance: Instance, *commands: Command) -> Callable[[], None]:
+def succeeding(instance: RestartableRegistry, *commands: Command) -> Callable[[], None]:
     """The instance takes the station over, and acknowledges these."""
 
     def succeed() -> None:
@@ -96,11 +98,11 @@ def tasked(task: str) -> Describe:
     return described(Description(), Description(task=task))
 
 
-def recorded(instance: Instance) -> tuple[Recordable, ...]:
+def recorded(instance: RestartableRegistry) -> tuple[Recordable, ...]:
     return instance.journal.changes(STATION, NAME)
 
 
-def begun(instance: Instance, batches: int = 9) -> None:
+def begun(instance: RestartableRegistry, batches: int = 9) -> None:
     instance.open()
     instance.feed(*range(batches))
     instance.journal.commit()
@@ -115,7 +117,7 @@ CHANGES = {
 }
 
 
-def shown(instance: Instance) -> tuple[object, ...]:
+def shown(instance: RestartableRegistry) -> tuple[object, ...]:
     state = instance.standing
     return compared(state)[1:], state.description
 
@@ -169,7 +171,7 @@ def test_a_third_instance_takes_over_what_was_acknowledged_and_not_what_was_refu
     begun(a)
     frozen(a, LATE, succeeding(b, KEPT))
     with ExitStack() as stack:
-        c = Instance(tmp_path, "c", stack)
+        c = RestartableRegistry(tmp_path, "c", stack)
         c.take()
         assert shown(c) == shown(b)
         assert asked(c, edit(1, Insert(t=1.155))).revision == 2
@@ -330,18 +332,18 @@ events = st.lists(
 )
 
 
-class Station:
+class ContestedStation:
     """An owner and two other instances, with what was acknowledged of each kind."""
 
     def __init__(self, directory: Path, stack: ExitStack) -> None:
-        self.owner, *self.others = (Instance(directory, name, stack) for name in "abc")
+        self.owner, *self.others = (RestartableRegistry(directory, name, stack) for name in "abc")
         self.owner.open()
         self.inserted: list[float] = []  # [s]
         self.namers: list[str] = []
         self.tags: list[str] = []
         self._count = 0
 
-    def command(self, instance: Instance, kind: str) -> Command:
+    def command(self, instance: RestartableRegistry, kind: str) -> Command:
         """Return the next change, which no other one equals."""
         self._count += 1
         state, author = instance.standing, f"author-{self._count}"
@@ -356,7 +358,7 @@ class Station:
                 return described(state.description, state.description.model_copy(update=after))
         return Close(session=NAME, last_seq=instance.next_seq - 1)
 
-    def change(self, instance: Instance, kind: str) -> None:
+    def change(self, instance: RestartableRegistry, kind: str) -> None:
         """Make a change; its session is rebuilt first where that is needed."""
         command = self.command(instance, kind)
         answered = asked(instance, command)
@@ -373,7 +375,7 @@ class Station:
             case Describe(description=description):
                 self.tags.append(description.tags[-1])
 
-    def freeze(self, late: str, kept: str, number: int) -> Instance:
+    def freeze(self, late: str, kept: str, number: int) -> RestartableRegistry:
         """Freeze the owner in its record; return the successor, which acknowledges a change meanwhile."""
         successor = self.others[number]
 
@@ -440,7 +442,7 @@ class Station:
 @given(events)
 def test_whatever_is_frozen_in_its_record_no_acknowledged_change_is_lost(steps):
     with tempfile.TemporaryDirectory() as directory, ExitStack() as stack:
-        station = Station(Path(directory), stack)
+        station = ContestedStation(Path(directory), stack)
         for step in steps:
             station.step(step)
             station.assert_kept()

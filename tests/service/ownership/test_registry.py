@@ -257,13 +257,13 @@ def test_a_station_whose_sessions_are_all_forgotten_counts_no_longer(tmp_path):
 
 
 def test_where_an_opening_cannot_be_recorded_no_room_was_made_for_it():
-    class Full(MemoryJournal):
+    class JournalFullForOneSession(MemoryJournal):
         def append(self, record, *, now=False):
             if record.session == "s2":
                 raise JournalError("full")
             super().append(record, now=now)
 
-    registry = opened(new_registry(Full(), Limits(open_sessions=1)), STATION, "s1")
+    registry = opened(new_registry(JournalFullForOneSession(), Limits(open_sessions=1)), STATION, "s1")
     refusal = answer(registry.handle_command(STATION, opening("s2"), 0.0))
     assert isinstance(refusal, ProtocolError)
     assert refusal.code == "overloaded"

@@ -49,7 +49,7 @@ BATCHES = batches(COUNT)
 NEVER = JournalSettings(commit_s=3600.0)  # but when told to
 
 
-class Instance:
+class RestartableRegistry:
     """A registry on a journal that others can read, and that can be killed and started again."""
 
     def __init__(self, directory: Path, name: str, stack: ExitStack, **limits: int) -> None:
@@ -100,12 +100,12 @@ class Instance:
 
 
 @pytest.fixture
-def pair(tmp_path: Path) -> Iterator[tuple[Instance, Instance]]:
+def pair(tmp_path: Path) -> Iterator[tuple[RestartableRegistry, RestartableRegistry]]:
     with ExitStack() as stack:
-        yield Instance(tmp_path, "a", stack), Instance(tmp_path, "b", stack)
+        yield RestartableRegistry(tmp_path, "a", stack), RestartableRegistry(tmp_path, "b", stack)
 
 
-def has_checked(instance: Instance, monkeypatch: pytest.MonkeyPatch) -> None:
+def has_checked(instance: RestartableRegistry, monkeypatch: pytest.MonkeyPatch) -> None:
     """It has seen that no other instance has acquired the station, just before one does."""
     journals = instance.registry._journals
     monkeypatch.setattr(journals, "readable_peer_epochs_of", lambda asked: dict.fromkeys(asked, -1))
@@ -171,7 +171,7 @@ def test_it_is_kept_so_that_the_next_owner_need_not_know_the_one_before(pair, tm
     b.registry.release(STATION)
     a.path.rename(tmp_path / "gone")
     with ExitStack() as stack:
-        c = Instance(tmp_path, "c", stack)
+        c = RestartableRegistry(tmp_path, "c", stack)
         c.take()
         c.feed(*range(12, COUNT))
         c.close()
@@ -365,7 +365,7 @@ def test_a_session_of_the_same_name_that_is_another_one_is_not_mixed_in(pair, mo
 
 def test_a_closed_session_beyond_those_that_can_be_asked_for_is_left_where_it_is(tmp_path):
     with ExitStack() as stack:
-        a, b = (Instance(tmp_path, name, stack, closed_sessions=2) for name in "ab")
+        a, b = (RestartableRegistry(tmp_path, name, stack, closed_sessions=2) for name in "ab")
         for number in range(4):
             a.registry.handle_command(STATION, opening(f"s{number}"), float(number))
             a.registry.handle_command(STATION, closing(-1, f"s{number}"), float(number))
@@ -442,7 +442,7 @@ steps = st.lists(
 @given(steps)
 def test_whatever_happens_between_two_instances_the_session_ends_like_an_undisturbed_one(steps):
     with tempfile.TemporaryDirectory() as directory, ExitStack() as stack:
-        a, b = (Instance(Path(directory), name, stack) for name in "ab")
+        a, b = (RestartableRegistry(Path(directory), name, stack) for name in "ab")
         owner, other = a, b
         owner.open()
         epoch = owner.standing.owner.epoch

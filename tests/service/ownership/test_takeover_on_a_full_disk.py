@@ -19,17 +19,17 @@ from caesura_service.server.live_tokens import LiveTokens
 from caesura_service.server.station_manager import TAKEOVER, StationManager
 from harness.sessions import NAME, STATION
 from service.ownership.test_edits_of_two_instances import corrected
-from service.ownership.test_takeover import COUNT, EXPECTED, Instance, reported
+from service.ownership.test_takeover import COUNT, EXPECTED, RestartableRegistry, reported
 from service.sessions.edits import compared, refused
 
 FULL = JournalError("the disk is full")
 
 
 @pytest.fixture
-def pair(tmp_path: Path) -> Iterator[tuple[Instance, Instance]]:
+def pair(tmp_path: Path) -> Iterator[tuple[RestartableRegistry, RestartableRegistry]]:
     """b had the station, then a: it has a correction that b does not know when it is killed."""
     with ExitStack() as stack:
-        a, b = Instance(tmp_path, "a", stack), Instance(tmp_path, "b", stack)
+        a, b = RestartableRegistry(tmp_path, "a", stack), RestartableRegistry(tmp_path, "b", stack)
         b.open()
         b.feed(*range(5))
         b.registry.release(STATION)
@@ -41,14 +41,16 @@ def pair(tmp_path: Path) -> Iterator[tuple[Instance, Instance]]:
 
 
 @pytest.fixture
-def disk(pair: tuple[Instance, Instance]) -> Iterator[pytest.MonkeyPatch]:
+def disk(pair: tuple[RestartableRegistry, RestartableRegistry]) -> Iterator[pytest.MonkeyPatch]:
     """That of b, which is full until it is undone."""
     with pytest.MonkeyPatch.context() as patched:
         fail(patched, pair[1], FULL)
         yield patched
 
 
-def fail(disk: pytest.MonkeyPatch, instance: Instance, error: JournalError, after: int = 0) -> None:
+def fail(
+    disk: pytest.MonkeyPatch, instance: RestartableRegistry, error: JournalError, after: int = 0
+) -> None:
     """Let the journal refuse every record after so many."""
     append, left = instance.journal.append, [after]
 
@@ -122,7 +124,7 @@ def test_beyond_the_share_of_its_station_a_session_is_not_held_without_its_corre
 
 def test_what_is_copied_late_ends_like_an_undisturbed_session(tmp_path):
     with ExitStack() as stack, pytest.MonkeyPatch.context() as disk:
-        a, b = Instance(tmp_path, "a", stack), Instance(tmp_path, "b", stack)
+        a, b = RestartableRegistry(tmp_path, "a", stack), RestartableRegistry(tmp_path, "b", stack)
         a.open()
         a.feed(*range(9))
         a.registry.release(STATION)
@@ -143,7 +145,7 @@ def test_an_owner_whose_epoch_could_not_be_stored_records_no_correction_without_
     The one of an owner that went on was set aside as refused.
     """
     with ExitStack() as stack, pytest.MonkeyPatch.context() as disk:
-        a, b = Instance(tmp_path, "a", stack), Instance(tmp_path, "b", stack)
+        a, b = RestartableRegistry(tmp_path, "a", stack), RestartableRegistry(tmp_path, "b", stack)
         a.open()
         a.feed(*range(9))
         a.registry.release(STATION)

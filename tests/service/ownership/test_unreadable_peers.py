@@ -18,15 +18,15 @@ from caesura_service.publishing.events import SessionDeleted
 from caesura_service.server.station_manager import StationManager
 from harness.sessions import NAME, STATION
 from service.ownership.test_edits_of_two_instances import corrected
-from service.ownership.test_takeover import COUNT, Instance
+from service.ownership.test_takeover import COUNT, RestartableRegistry
 from service.sessions.edits import compared, refused, stepped
 
 
 @pytest.fixture
-def pair(tmp_path: Path) -> Iterator[tuple[Instance, Instance]]:
+def pair(tmp_path: Path) -> Iterator[tuple[RestartableRegistry, RestartableRegistry]]:
     """b had the station, then a: it has a correction that b does not know. b starts again."""
     with ExitStack() as stack:
-        a, b = Instance(tmp_path, "a", stack), Instance(tmp_path, "b", stack)
+        a, b = RestartableRegistry(tmp_path, "a", stack), RestartableRegistry(tmp_path, "b", stack)
         b.open()
         b.feed(*range(5))
         b.registry.release(STATION)
@@ -80,7 +80,7 @@ def not_listed(looks: int) -> Iterator[None]:
         yield
 
 
-def started(instance: Instance) -> None:
+def started(instance: RestartableRegistry) -> None:
     """It is served again as soon as everything can be read."""
     now = [0.0]
     manager = StationManager(instance.registry, instance.name, lambda _: None, lambda: now[0])
@@ -177,7 +177,7 @@ def test_a_journal_counts_as_absent_only_while_one_looks_again_and_again(pair, m
 def test_a_session_of_an_unreadable_journal_is_corrected_as_soon_as_it_can_be_read(tmp_path):
     """The answer to the operator was that it cannot be corrected."""
     with ExitStack() as stack:
-        a, b = Instance(tmp_path, "a", stack), Instance(tmp_path, "b", stack)
+        a, b = RestartableRegistry(tmp_path, "a", stack), RestartableRegistry(tmp_path, "b", stack)
         a.open()
         a.feed(*range(COUNT))
         a.close()
@@ -195,7 +195,7 @@ def test_a_session_of_an_unreadable_journal_is_corrected_as_soon_as_it_can_be_re
 
 def test_a_name_is_not_given_to_a_second_session_while_the_first_cannot_be_read(tmp_path):
     with ExitStack() as stack:
-        a, b = Instance(tmp_path, "a", stack), Instance(tmp_path, "b", stack)
+        a, b = RestartableRegistry(tmp_path, "a", stack), RestartableRegistry(tmp_path, "b", stack)
         a.open()
         a.feed(*range(9))
         a.journal.commit()
@@ -207,7 +207,7 @@ def test_a_name_is_not_given_to_a_second_session_while_the_first_cannot_be_read(
 def test_a_session_that_cannot_be_read_has_not_been_deleted(tmp_path, monkeypatch):
     """It was no longer found, though its journal had it, until the instance started again."""
     with ExitStack() as stack:
-        a, b = Instance(tmp_path, "a", stack), Instance(tmp_path, "b", stack)
+        a, b = RestartableRegistry(tmp_path, "a", stack), RestartableRegistry(tmp_path, "b", stack)
         a.open()
         a.feed(*range(COUNT))
         a.close()
@@ -227,8 +227,8 @@ def test_a_session_that_cannot_be_read_has_not_been_deleted(tmp_path, monkeypatc
 def test_an_owner_learns_of_its_successor_beside_a_journal_that_cannot_be_read(tmp_path):
     """It acknowledged a correction that its successor never had: a third journal could not be read."""
     with ExitStack() as stack:
-        a, b = Instance(tmp_path, "b", stack), Instance(tmp_path, "c", stack)
-        third = Instance(tmp_path, "a", stack)
+        a, b = RestartableRegistry(tmp_path, "b", stack), RestartableRegistry(tmp_path, "c", stack)
+        third = RestartableRegistry(tmp_path, "a", stack)
         a.open()
         a.feed(*range(9))
         a.journal.commit()
@@ -244,7 +244,7 @@ def test_an_owner_learns_of_its_successor_beside_a_journal_that_cannot_be_read(t
 def test_a_station_that_an_opening_could_not_take_over_is_taken_over_later(tmp_path, looks):
     """It was rejected from then on, as one that is just being taken over, and no instance took it over."""
     with ExitStack() as stack:
-        a, b = Instance(tmp_path, "a", stack), Instance(tmp_path, "b", stack)
+        a, b = RestartableRegistry(tmp_path, "a", stack), RestartableRegistry(tmp_path, "b", stack)
         a.registry.ownership.acquire(STATION, 0.0)
         b.registry.ownership.acquire(STATION, 10.0)
         b.open()

@@ -89,18 +89,18 @@ def behind_another_router(directory, *instances: str) -> Iterator[str]:
 
 
 @pytest.fixture(scope="module", params=[with_its_own_router, behind_another_router])
-def network(request, directory) -> Iterator[Network]:
-    with request.param(directory) as endpoint, Network(directory, endpoint) as opened_network:
+def network(request, directory) -> Iterator[SecuredNetwork]:
+    with request.param(directory) as endpoint, SecuredNetwork(directory, endpoint) as opened_network:
         yield opened_network
 
 
-class Network:
+class SecuredNetwork:
     def __init__(self, directory, endpoint: str) -> None:
         self.endpoint = endpoint
         self._directory = directory
         self._stack = ExitStack()
 
-    def __enter__(self) -> Network:
+    def __enter__(self) -> SecuredNetwork:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -229,7 +229,7 @@ def test_a_bridge_with_the_credentials_of_another_station_is_reported(network):
 def test_instances_share_the_stations_through_the_rules(directory):
     with (
         behind_another_router(directory, "west", "east") as endpoint,
-        Network(directory, endpoint) as network,
+        SecuredNetwork(directory, endpoint) as network,
     ):
         wall = network.as_("dashboard.wall")
         assert {status.instance for status in wall.services()} == {"west", "east"}

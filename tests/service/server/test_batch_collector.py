@@ -54,7 +54,7 @@ def payload_of(seq: int, *, session: str = NAME, **shape: float) -> bytes:
 ENCODING = encode(pack_samples(rows_of(0), COLUMNS, session=NAME, epoch=0, seq=0)).encoding
 
 
-class Floor:
+class CollectorOfSession:
     """A collector before a session that has a due time, with what was passed on."""
 
     def __init__(self, due_s: float = 0.1) -> None:
@@ -81,7 +81,7 @@ def numbers(block: BatchBlock) -> list[int]:
 
 
 def test_batches_wait_for_the_one_that_completes_an_observation():
-    floor = Floor()
+    floor = CollectorOfSession()
     for seq in range(18):
         floor.awaited = Awaited(seq, 0.1)  # all that was passed on is processed; the due time is the last one
         floor.put(payload_of(seq))
@@ -91,7 +91,7 @@ def test_batches_wait_for_the_one_that_completes_an_observation():
 
 
 def test_while_earlier_ones_wait_to_be_processed_the_next_observation_is_predicted():
-    floor = Floor()
+    floor = CollectorOfSession()
     floor.put(payload_of(0))
     floor.awaited = Awaited(1, 0.1)
     for seq in range(1, 18):
@@ -100,7 +100,7 @@ def test_while_earlier_ones_wait_to_be_processed_the_next_observation_is_predict
 
 
 def test_in_a_backlog_batches_wait_together_though_no_due_time_is_known():
-    floor = Floor()  # the session has still to process the first batch
+    floor = CollectorOfSession()  # the session has still to process the first batch
     for seq in range(20):
         floor.put(payload_of(seq))
     lengths = [len(block) for block in floor.blocks() if isinstance(block, list)]
@@ -110,7 +110,7 @@ def test_in_a_backlog_batches_wait_together_though_no_due_time_is_known():
 
 
 def test_nothing_waits_longer_than_an_observation_takes():
-    floor = Floor(due_s=9.0)
+    floor = CollectorOfSession(due_s=9.0)
     floor.put(payload_of(0))
     floor.awaited = Awaited(1, 9.0)
     floor.put(payload_of(1))
@@ -126,7 +126,7 @@ def test_nothing_waits_longer_than_an_observation_takes():
 
 
 def test_no_more_than_so_many_wait():
-    floor = Floor(due_s=1e6)
+    floor = CollectorOfSession(due_s=1e6)
     floor.put(payload_of(0))
     floor.awaited = Awaited(1, 1e6)
     for seq in range(1, 2 * MOST + 3):
@@ -146,7 +146,7 @@ def test_no_more_than_so_many_wait():
     ],
 )
 def test_what_else_comes_of_a_station_finds_the_held_ones_passed_on(other):
-    floor = Floor(due_s=9.0)
+    floor = CollectorOfSession(due_s=9.0)
     floor.put(payload_of(0))
     floor.awaited = Awaited(1, 9.0)
     floor.put(payload_of(1))
@@ -156,7 +156,7 @@ def test_what_else_comes_of_a_station_finds_the_held_ones_passed_on(other):
 
 
 def test_a_command_releases_its_own_station_alone():
-    floor = Floor(due_s=9.0)
+    floor = CollectorOfSession(due_s=9.0)
     there = station_key("cell-2", "samples")
     for key in (KEY, there):
         for seq in range(3):
@@ -170,7 +170,7 @@ def test_a_command_releases_its_own_station_alone():
 
 @pytest.mark.parametrize("awaited", [None, Awaited(1, float("-inf"))])
 def test_where_no_session_states_a_due_time_nothing_waits(awaited):
-    floor = Floor()
+    floor = CollectorOfSession()
     floor.put(payload_of(0))
     floor.awaited = awaited
     floor.put(payload_of(1))
@@ -178,7 +178,7 @@ def test_where_no_session_states_a_due_time_nothing_waits(awaited):
 
 
 def test_senders_take_bounded_room_and_what_never_has_a_layout_is_seldom_looked_at(monkeypatch):
-    floor, looked = Floor(), list[bytes]()
+    floor, looked = CollectorOfSession(), list[bytes]()
     for number in range(SOURCES + 10):
         floor.put(payload_of(0), station_key(f"cell-{number}", "samples"))
     assert len(floor.collector._sources) <= SOURCES
@@ -210,7 +210,7 @@ class Failing(MemoryJournal):
         super().append(record, now=now)
 
 
-class Service:
+class TalkativeRegistry:
     """A registry with the real mathematics, and all that it has said."""
 
     def __init__(self, failures: Iterable[int] = (), **limits: int) -> None:
@@ -265,7 +265,7 @@ class Service:
         )
 
 
-class Together(Service):
+class Together(TalkativeRegistry):
     """The same behind a collector, and behind a queue that is worked off now and then.
 
     late_s: by how much the collector is wrong about when an observation is complete.
@@ -417,7 +417,7 @@ def compared(
     **limits: int,
 ) -> int:
     """How often some were processed together, with all as if they had been processed one by one."""
-    each, together = Service(failures, **limits), Together(failures, works, late_s, **limits)
+    each, together = TalkativeRegistry(failures, **limits), Together(failures, works, late_s, **limits)
     for step in steps:
         each.do(*step)
         together.do(*step)

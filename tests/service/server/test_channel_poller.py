@@ -20,7 +20,7 @@ from harness.processes import eventually
 KEY, COMMANDS, BAD = "some/key", "some/commands", b"bad"
 
 
-class Floor:
+class PolledNetwork:
     """A network with somebody to put, and what was handed over."""
 
     def __init__(self, network: Network, peer: Client) -> None:
@@ -40,15 +40,15 @@ class Floor:
 
 
 @pytest.fixture(params=["zenoh", "memory"])
-def floor(request: pytest.FixtureRequest) -> Iterator[Floor]:
+def floor(request: pytest.FixtureRequest) -> Iterator[PolledNetwork]:
     """Both networks of the server: one contract."""
     if request.param == "memory":
         memory = MemoryNetwork()
-        yield Floor(MemorySession(memory), MemoryPeer(memory))
+        yield PolledNetwork(MemorySession(memory), MemoryPeer(memory))
         return
     network, endpoint = join(NetworkSettings("tcp/127.0.0.1:0"), threading.Event())
     with closing(network), Peer(endpoint) as peer:
-        yield Floor(network, peer)
+        yield PolledNetwork(network, peer)
 
 
 def numbers(count: int) -> list[bytes]:

@@ -31,7 +31,7 @@ from harness.processes import eventually
 from harness.sessions import batches, closing, opening
 
 
-class Slow(FakePipeline):
+class SlowPipeline(FakePipeline):
     """A push lasts until the gate opens."""
 
     gate: threading.Event
@@ -51,7 +51,7 @@ def slow(gate: threading.Event, begun: threading.Event) -> PipelineFactory:
         fake = make_fake_pipeline(command, preset)
         if command.session == "slow":
             vars(fake).update(gate=gate, begun=begun)
-            fake.__class__ = Slow
+            fake.__class__ = SlowPipeline
         return fake
 
     return made

@@ -77,7 +77,7 @@ def test_sessions_begin_and_are_followed_while_the_router_accepts_no_declaration
         assert not held.released.is_set()
 
 
-class Slow:
+class SlowNetwork:
     """Keeps what is put; a put without a publisher takes a moment, and so does a declaration."""
 
     def __init__(self) -> None:
@@ -105,7 +105,7 @@ class Slow:
 class SlowPublisher:
     """Of one key."""
 
-    def __init__(self, network: Slow, key: str) -> None:
+    def __init__(self, network: SlowNetwork, key: str) -> None:
         self._network, self._key = network, key
 
     def put(self, content: Encoded) -> None:
@@ -122,7 +122,7 @@ def beat(seq: int) -> Heartbeat:
 @pytest.mark.parametrize("publishers", [2, 64])
 def test_messages_keep_their_order_while_publishers_are_declared_and_let_go(monkeypatch, publishers):
     monkeypatch.setattr(key_publishers, "PUBLISHERS", publishers)
-    network, keys = Slow(), [session_key("cell-1", f"s{number}", "status") for number in range(3)]
+    network, keys = SlowNetwork(), [session_key("cell-1", f"s{number}", "status") for number in range(3)]
     pause = threading.Event()
     with StationSendThreads() as lanes:
         results = KeyPublishers(network, lanes)  # type: ignore[arg-type]

@@ -31,7 +31,7 @@ QUEUE = QueueSettings(capacity=128, shares=4)  # 32 of a station, pressed at 20
 SENT = batches(90)
 
 
-class Held:
+class GatedPipeline:
     """The fake pipeline, which sets `held` and waits for `gate` before every push."""
 
     def __init__(self, pipeline: Pipeline, gate: threading.Event, held: threading.Event) -> None:
@@ -84,7 +84,7 @@ def service(
     config: ServiceConfig, network: MemoryNetwork, gate: threading.Event, held: threading.Event
 ) -> Iterator[Service]:
     def waiting(command: Open, preset: str) -> Pipeline:
-        return Held(make_fake_pipeline(command, preset), gate, held)
+        return GatedPipeline(make_fake_pipeline(command, preset), gate, held)
 
     limits = Limits(replay_batches=8)
     config = replace(config, queue=QUEUE, limits=limits)

@@ -8,7 +8,7 @@ from caesura_service.server.router_link import KEPT_OUT_S, LOOK_S, RouterLink
 
 
 @dataclass
-class Router:
+class IntermittentRouter:
     """That lets others in or not, at a time."""
 
     now: float = 0.0
@@ -20,7 +20,7 @@ class Router:
         return self.lets_in
 
 
-def looks(link: RouterLink, router: Router, seconds: float) -> list[bool]:
+def looks(link: RouterLink, router: IntermittentRouter, seconds: float) -> list[bool]:
     """What each look says, five a second."""
     found = []
     for _ in range(round(seconds * 5)):
@@ -29,12 +29,12 @@ def looks(link: RouterLink, router: Router, seconds: float) -> list[bool]:
     return found
 
 
-def link_of(router: Router) -> RouterLink:
+def link_of(router: IntermittentRouter) -> RouterLink:
     return RouterLink(router.ask, lambda: router.now)
 
 
 def test_others_that_come_in_for_a_while_say_that_this_instance_is_kept_out():
-    router = Router()
+    router = IntermittentRouter()
     link = link_of(router)
     link.report(False)
     assert not any(looks(link, router, KEPT_OUT_S - 1.0))
@@ -43,7 +43,7 @@ def test_others_that_come_in_for_a_while_say_that_this_instance_is_kept_out():
 
 
 def test_a_router_that_is_away_keeps_no_instance_out():
-    router = Router(lets_in=False)
+    router = IntermittentRouter(lets_in=False)
     link = link_of(router)
     link.report(False)
     assert not any(looks(link, router, 10 * KEPT_OUT_S))
@@ -52,7 +52,7 @@ def test_a_router_that_is_away_keeps_no_instance_out():
 
 
 def test_with_a_link_nothing_is_tried_and_a_new_loss_counts_anew():
-    router = Router()
+    router = IntermittentRouter()
     link = link_of(router)
     assert not any(looks(link, router, 2 * KEPT_OUT_S))
     assert router.asked == 0

@@ -33,7 +33,7 @@ EASTS = [name for name in (f"cell-{number}" for number in range(20)) if owner_of
 WESTS = [name for name in (f"cell-{number}" for number in range(20)) if owner_of(name, BOTH) == "west"]
 
 
-class Floor:
+class SharingInstances:
     """A router, and instances on it with a directory in common."""
 
     def __init__(self, router: RouterNetwork, directory: Path) -> None:
@@ -54,8 +54,8 @@ def router() -> Iterator[RouterNetwork]:
 
 
 @pytest.fixture
-def floor(router: RouterNetwork, tmp_path: Path) -> Floor:
-    return Floor(router, tmp_path)
+def floor(router: RouterNetwork, tmp_path: Path) -> SharingInstances:
+    return SharingInstances(router, tmp_path)
 
 
 @pytest.fixture

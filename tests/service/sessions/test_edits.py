@@ -122,14 +122,14 @@ def test_an_edit_that_makes_no_sense_is_neither_recorded_nor_counted():
 
 
 def test_what_cannot_be_recorded_is_not_corrected():
-    class Full(MemoryJournal):
+    class JournalFullForEdits(MemoryJournal):
         def append(self, record, *, now=False):
             if isinstance(record.message, Edit):
                 assert now  # it is safe before it is processed
                 raise JournalError("no room")
             super().append(record, now=now)
 
-    session, _ = open_session(Full())
+    session, _ = open_session(JournalFullForEdits())
     run(session, 14)
     standing = session.state
     with pytest.raises(JournalError):

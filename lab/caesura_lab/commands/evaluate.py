@@ -14,14 +14,7 @@ from rich.console import Console, RenderableType
 from rich.progress import MofNCompleteColumn, Progress
 
 from caesura_clients.cli.options import AngleUnit, ForceFrame, ForceUnit, TimeUnit, UpOption, reported
-from caesura_lab.evaluation import calibration, reliability_diagram
-from caesura_lab.evaluation import motion_library_evidence as libraries
-from caesura_lab.evaluation.calibration import calibrate
-from caesura_lab.evaluation.methods import Method, MissingExtraError, PresetMethod, baselines
-from caesura_lab.evaluation.report import as_json, report
-from caesura_lab.evaluation.runner import RefusedRecording, Verdict, each_or_refused, judge_all
-from caesura_lab.evaluation.score import Score
-from caesura_lab.evaluation.suites import (
+from caesura_lab.evaluation.cases.suites import (
     AS_STATED,
     OPEN,
     SUITES,
@@ -33,7 +26,14 @@ from caesura_lab.evaluation.suites import (
     missing_recordings,
     suite,
 )
-from caesura_lab.evaluation.tables import as_markdown, as_text
+from caesura_lab.evaluation.methods import Method, MissingExtraError, PresetMethod, baselines
+from caesura_lab.evaluation.reports import calibration, reliability_diagram
+from caesura_lab.evaluation.reports.calibration import calibrate
+from caesura_lab.evaluation.reports.report import as_json, report
+from caesura_lab.evaluation.reports.tables import as_markdown, as_text
+from caesura_lab.evaluation.runner import RefusedRecording, Verdict, each_or_refused, judge_all
+from caesura_lab.evaluation.scoring.score import Score
+from caesura_lab.evaluation.studies import motion_library_evidence as libraries
 from caesura_lab.evaluation.worker_pool import each
 from caesura_lab.ground_truth import ToleranceOptions, TruthError
 from caesura_protocol.errors import CaesuraError, ProtocolError
@@ -265,7 +265,7 @@ def _thesis_page(_data: Path, seeds: range, workers: int) -> ResultPage:
 
 
 def _round_trip_page(seeds: range, robot: str, speed: RunSpeed, workers: int) -> ResultPage:
-    from caesura_lab.evaluation import program_round_trip  # noqa: PLC0415
+    from caesura_lab.evaluation.programs import program_round_trip  # noqa: PLC0415
 
     cases = program_round_trip.cases(seeds, robot, speed)
     summary = program_round_trip.summarise(
@@ -280,15 +280,15 @@ def _round_trip_page(seeds: range, robot: str, speed: RunSpeed, workers: int) ->
 
 
 def _realism_page(data: Path, seeds: range, workers: int) -> ResultPage:
-    from caesura_lab.evaluation import realism  # noqa: PLC0415
+    from caesura_lab.evaluation.studies import realism  # noqa: PLC0415
 
     return _suite_page(realism, realism.load, realism.cases(data, seeds), seeds, workers)
 
 
 def _coaching_page(data: Path, seeds: range, workers: int) -> ResultPage:
-    from caesura_lab.evaluation import coaching  # noqa: PLC0415
+    from caesura_lab.evaluation.hints import hint_recall  # noqa: PLC0415
 
-    return _suite_page(coaching, coaching.run, coaching.cases(seeds, data), seeds, workers)
+    return _suite_page(hint_recall, hint_recall.run, hint_recall.cases(seeds, data), seeds, workers)
 
 
 def _suite_page(
@@ -317,7 +317,7 @@ OTHER_SUITES: Mapping[str, tuple[Callable[[Path, range, int], ResultPage], int]]
 
 
 def _mutation_page(count: int, workers: int) -> ResultPage:
-    from caesura_lab.evaluation import program_mutations  # noqa: PLC0415
+    from caesura_lab.evaluation.programs import program_mutations  # noqa: PLC0415
 
     numbers = range(count)
     fates = list(_with_progress(each(program_mutations.run_mutation, numbers, workers=workers), numbers))

@@ -12,7 +12,7 @@ import typer
 from caesura_clients.cli.options import ProgramOptions, Reading, grouped, reported
 from caesura_lab.commands.options import Mapping, PresetName, RecordingFile, stated_recording
 from caesura_lab.commands.segment import announce_compilation
-from caesura_lab.evaluation.suites import check_hash, within_recording
+from caesura_lab.evaluation.cases.suites import check_hash, within_recording
 from caesura_lab.ground_truth import Truth, TruthError, read_annotation, truth_file
 from caesura_lab.report.report_data import ReportData, collect
 from caesura_lab.report.times_from_start import from_start

@@ -11,10 +11,16 @@ from typing import Protocol
 
 import numpy as np
 
-from caesura_lab.evaluation.baselines import Baseline, every_second, one_segment, thresholds, zero_velocity
-from caesura_lab.evaluation.bocpd_baseline import gaussian_log, student_speed
-from caesura_lab.evaluation.metrics import TimedEstimate
-from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation
+from caesura_lab.evaluation.baselines.bocpd_baseline import gaussian_log, student_speed
+from caesura_lab.evaluation.baselines.simple_baselines import (
+    Baseline,
+    every_second,
+    one_segment,
+    thresholds,
+    zero_velocity,
+)
+from caesura_lab.evaluation.scoring.metrics import TimedEstimate
+from caesura_lab.evaluation.scoring.score import FoundSegment, FoundSegmentation
 from caesura_protocol.messages import Segment
 from caesura_protocol.package_version_and_extras import install_command
 from caesura_protocol.recording import Recording
@@ -97,7 +103,7 @@ class MissingExtraError(RuntimeError):
 def baselines() -> list[Method]:
     """Return all baselines. Raises MissingExtraError if their libraries are not installed."""
     try:
-        from caesura_lab.evaluation import third_party_baselines  # noqa: PLC0415
+        from caesura_lab.evaluation.baselines import third_party_baselines  # noqa: PLC0415
     except ModuleNotFoundError as error:
         raise MissingExtraError(
             f"{error.name} is not installed; {install_command('judge')}, or give --no-baselines"

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TypeVar
 
-from caesura_lab.evaluation.conditioned_signals import grid_signals
+from caesura_lab.evaluation.baselines.conditioned_signals import grid_signals
+from caesura_lab.evaluation.cases.suites import Case
 from caesura_lab.evaluation.methods import Method
-from caesura_lab.evaluation.score import Score, score
-from caesura_lab.evaluation.suites import Case
+from caesura_lab.evaluation.scoring.score import Score, score
 from caesura_lab.evaluation.worker_pool import each
 from caesura_lab.ground_truth import ToleranceOptions, Truth, TruthError
 from caesura_protocol.errors import ProtocolError

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caesura_lab.evaluation import baseline_settings_search, chosen_settings
-from caesura_lab.evaluation.baseline_settings_search import (
+from caesura_lab.evaluation.baselines import baseline_settings_search, chosen_settings
+from caesura_lab.evaluation.baselines.baseline_settings_search import (
     FIRST_SEED,
     SEARCHES,
     SEEDS,
@@ -19,13 +19,13 @@ from caesura_lab.evaluation.baseline_settings_search import (
     lines,
     pooled_f1,
 )
-from caesura_lab.evaluation.bocpd_baseline import student_speed
-from caesura_lab.evaluation.chosen_settings import KernelSettings, StudentSettings
-from caesura_lab.evaluation.conditioned_signals import Signals
-from caesura_lab.evaluation.features import log_features, vector_features
+from caesura_lab.evaluation.baselines.bocpd_baseline import student_speed
+from caesura_lab.evaluation.baselines.chosen_settings import KernelSettings, StudentSettings
+from caesura_lab.evaluation.baselines.conditioned_signals import Signals
+from caesura_lab.evaluation.baselines.features import log_features, vector_features
+from caesura_lab.evaluation.baselines.third_party_baselines import kernel
+from caesura_lab.evaluation.cases.suites import OPEN, FileCase, SuiteOptions
 from caesura_lab.evaluation.methods import baselines
-from caesura_lab.evaluation.suites import OPEN, FileCase, SuiteOptions
-from caesura_lab.evaluation.third_party_baselines import kernel
 from caesura_lab.ground_truth import TrueChangepoint, Truth
 
 BUTTON = Path(__file__).parents[3] / "data" / "button.npz"

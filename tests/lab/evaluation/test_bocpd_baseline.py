@@ -9,7 +9,7 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
-from caesura_lab.evaluation.bocpd_baseline import NormalInverseWishart, SegmentEvidence, detect
+from caesura_lab.evaluation.baselines.bocpd_baseline import NormalInverseWishart, SegmentEvidence, detect
 
 ONE = NormalInverseWishart((0.3,), 0.4, 3.0, (0.7,))
 TWO = NormalInverseWishart((0.1, -0.2), 0.5, 4.5, (0.6, 1.4))

@@ -14,12 +14,12 @@ from scipy.stats import norm
 from typer.testing import CliRunner
 
 from caesura_lab.commands import register
-from caesura_lab.evaluation.calibration import EDGES, calibrate, curve, share
-from caesura_lab.evaluation.calibration import as_json as plain
 from caesura_lab.evaluation.methods import PresetMethod
-from caesura_lab.evaluation.reliability_diagram import draw
+from caesura_lab.evaluation.reports.calibration import EDGES, calibrate, curve, share
+from caesura_lab.evaluation.reports.calibration import as_json as plain
+from caesura_lab.evaluation.reports.reliability_diagram import draw
 from caesura_lab.evaluation.runner import NotApplicable
-from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation, StatedProbability, score
+from caesura_lab.evaluation.scoring.score import FoundSegment, FoundSegmentation, StatedProbability, score
 from caesura_lab.ground_truth import TrueChangepoint, TrueSegment, Truth
 from caesura_protocol.formats.read import load_recording
 from caesura_service.offline_segmentation import segment_recording

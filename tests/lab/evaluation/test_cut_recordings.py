@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caesura_lab.evaluation.cut_recordings import WINDOWS, in_window
-from caesura_lab.evaluation.score import FoundSegmentation, score
-from caesura_lab.evaluation.suites import FileCase, WindowCase
+from caesura_lab.evaluation.cases.cut_recordings import WINDOWS, in_window
+from caesura_lab.evaluation.cases.suites import FileCase, WindowCase
+from caesura_lab.evaluation.scoring.score import FoundSegmentation, score
 from caesura_lab.ground_truth import TrueChangepoint, TrueSegment, read_truth
 from caesura_protocol.formats.read import load_recording
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from caesura_lab.evaluation.division_differences import (
+from caesura_lab.evaluation.programs.division_differences import (
     BothMotions,
     Difference,
     Division,
@@ -15,7 +15,7 @@ from caesura_lab.evaluation.division_differences import (
     movements_of,
     speeds_at,
 )
-from caesura_lab.evaluation.program_round_trip import RoundTripCase, compare_programs
+from caesura_lab.evaluation.programs.program_round_trip import RoundTripCase, compare_programs
 from caesura_protocol.messages import App
 from caesura_protocol.recording import Recording
 from harness.programs import app, move, pick_and_place

@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from caesura_lab.evaluation.metrics import TimedEstimate, match
-from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation, Score, score
+from caesura_lab.evaluation.scoring.metrics import TimedEstimate, match
+from caesura_lab.evaluation.scoring.score import FoundSegment, FoundSegmentation, Score, score
 from caesura_lab.ground_truth import ToleranceOptions, TrueChangepoint, TrueSegment, Truth
 
 WINDOW = (0.0, 10.0)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from caesura_lab.evaluation.estimated_wrenches import FRICTIONS, as_estimate
-from caesura_lab.evaluation.suites import SuiteOptions, suite
+from caesura_lab.evaluation.cases.estimated_wrenches import FRICTIONS, as_estimate
+from caesura_lab.evaluation.cases.suites import SuiteOptions, suite
 from caesura_lab.teacher.simulated_teaching import teach
 from caesura_service.robot import load_robot
 

@@ -16,11 +16,11 @@ import typer
 from typer.testing import CliRunner
 
 from caesura_lab.commands import register
-from caesura_lab.evaluation.baselines import Baseline, thresholds
+from caesura_lab.evaluation.baselines.simple_baselines import Baseline, thresholds
+from caesura_lab.evaluation.cases.suites import FileCase, SimulatedDemonstration, SuiteOptions, suite
 from caesura_lab.evaluation.methods import PresetMethod
-from caesura_lab.evaluation.report import report
+from caesura_lab.evaluation.reports.report import report
 from caesura_lab.evaluation.runner import NotApplicable, judge, judge_all
-from caesura_lab.evaluation.suites import FileCase, SimulatedDemonstration, SuiteOptions, suite
 from caesura_lab.ground_truth import TruthError, read_truth, truth_file, truth_of
 from caesura_lab.teacher.scenarios import BASIC, SKILLS, Scenario
 from caesura_protocol.formats.read import load_recording

@@ -12,15 +12,15 @@ import typer
 from typer.testing import CliRunner
 
 from caesura_lab.commands import register
-from caesura_lab.evaluation import motion_library_evidence
-from caesura_lab.evaluation.motion_library_evidence import (
+from caesura_lab.evaluation.cases.suites import FileCase
+from caesura_lab.evaluation.studies import motion_library_evidence
+from caesura_lab.evaluation.studies.motion_library_evidence import (
     LIBRARIES,
     LibraryEvidence,
     grid,
     library_evidence,
     with_profiles,
 )
-from caesura_lab.evaluation.suites import FileCase
 from caesura_protocol.recording import RecordingError
 from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.default_presets import DEFAULT, STROKES, human_motion_library

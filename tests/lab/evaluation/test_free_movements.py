@@ -7,8 +7,8 @@ import pickle
 import numpy as np
 import pytest
 
-from caesura_lab.evaluation.free_movements import MOVEMENTS, FreeMovements
-from caesura_lab.evaluation.suites import SuiteOptions, missing_recordings, suite
+from caesura_lab.evaluation.cases.free_movements import MOVEMENTS, FreeMovements
+from caesura_lab.evaluation.cases.suites import SuiteOptions, missing_recordings, suite
 
 
 def speed_at(case: FreeMovements) -> tuple[np.ndarray, np.ndarray]:

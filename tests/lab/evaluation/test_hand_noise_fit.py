@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_t
 
-from caesura_lab.evaluation.conditioned_signals import Signals
-from caesura_lab.evaluation.hand_noise_fit import BEGIN, END, HandNoise, best, movements
+from caesura_lab.evaluation.baselines.conditioned_signals import Signals
+from caesura_lab.evaluation.studies.hand_noise_fit import BEGIN, END, HandNoise, best, movements
 from caesura_lab.ground_truth import TrueChangepoint, Truth
 from caesura_service.changepoint.default_presets import guided_motion
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from caesura_lab.evaluation.baselines import switched
-from caesura_lab.evaluation.conditioned_signals import Signals, grid_signals
+from caesura_lab.evaluation.baselines.conditioned_signals import Signals, grid_signals
+from caesura_lab.evaluation.baselines.simple_baselines import switched
+from caesura_lab.evaluation.baselines.third_party_baselines import gaussian_online
 from caesura_lab.evaluation.methods import PresetMethod, baselines
-from caesura_lab.evaluation.third_party_baselines import gaussian_online
 from caesura_protocol.recording import Recording
 
 RATE_HZ = 200.0

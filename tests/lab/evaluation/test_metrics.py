@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from caesura_lab.evaluation.metrics import (
+from caesura_lab.evaluation.scoring.metrics import (
     Labelled,
     TimedEstimate,
     confusion,

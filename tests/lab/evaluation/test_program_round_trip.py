@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from caesura_lab.evaluation import program_mutations, program_round_trip
-from caesura_lab.evaluation.program_round_trip import (
+from caesura_lab.evaluation.programs import program_mutations, program_round_trip
+from caesura_lab.evaluation.programs.program_round_trip import (
     RoundTripCase,
     RoundTripResult,
     compare_programs,

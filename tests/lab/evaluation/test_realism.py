@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caesura_lab.evaluation import realism
-from caesura_lab.evaluation.realism import (
+from caesura_lab.evaluation.studies import realism
+from caesura_lab.evaluation.studies.realism import (
     IDEAL,
     MEASURES,
     NATURAL,

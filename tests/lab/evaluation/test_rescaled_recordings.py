@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caesura_lab.evaluation.rescaled_recordings import TEMPI, in_tempo
-from caesura_lab.evaluation.suites import FileCase, OtherTempoCase
+from caesura_lab.evaluation.cases.rescaled_recordings import TEMPI, in_tempo
+from caesura_lab.evaluation.cases.suites import FileCase, OtherTempoCase
 from caesura_lab.ground_truth import read_truth
 from caesura_protocol.formats.read import load_recording
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import pytest
 
-from caesura_lab.evaluation.error_analysis import error_summary
-from caesura_lab.evaluation.metrics import TimedEstimate
-from caesura_lab.evaluation.report import format_estimate, report
-from caesura_lab.evaluation.score import FoundSegment, FoundSegmentation, score
-from caesura_lab.evaluation.summary import margins, summarise
-from caesura_lab.evaluation.tables import as_markdown
+from caesura_lab.evaluation.reports.error_analysis import error_summary
+from caesura_lab.evaluation.reports.report import format_estimate, report
+from caesura_lab.evaluation.reports.tables import as_markdown
+from caesura_lab.evaluation.scoring.metrics import TimedEstimate
+from caesura_lab.evaluation.scoring.score import FoundSegment, FoundSegmentation, score
+from caesura_lab.evaluation.scoring.summary import margins, summarise
 from caesura_lab.ground_truth import (
     MeasuredQuantity,
     ScrewStroke,

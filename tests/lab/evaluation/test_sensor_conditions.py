@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caesura_lab.evaluation.sensor_conditions import CONDITIONS
-from caesura_lab.evaluation.suites import FileCase, PoorerCase, SuiteOptions, suite
+from caesura_lab.evaluation.cases.sensor_conditions import CONDITIONS
+from caesura_lab.evaluation.cases.suites import FileCase, PoorerCase, SuiteOptions, suite
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caesura_lab.evaluation.shifted_starts import STARTS, with_shifted_start
-from caesura_lab.evaluation.suites import FileCase, LaterCase
+from caesura_lab.evaluation.cases.shifted_starts import STARTS, with_shifted_start
+from caesura_lab.evaluation.cases.suites import FileCase, LaterCase
 from caesura_lab.ground_truth import read_truth
 from caesura_protocol.formats.read import load_recording
 from harness.segmentations import segmented

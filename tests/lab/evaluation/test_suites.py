@@ -17,12 +17,10 @@ from typer.testing import CliRunner
 
 from caesura_lab.annotation.storage import new_annotation, save_annotation
 from caesura_lab.commands import register
-from caesura_lab.evaluation import suites
-from caesura_lab.evaluation.annotated_declarations import with_annotated_declarations
-from caesura_lab.evaluation.baselines import Baseline, thresholds
-from caesura_lab.evaluation.report import as_json, report
-from caesura_lab.evaluation.runner import judge
-from caesura_lab.evaluation.suites import (
+from caesura_lab.evaluation.baselines.simple_baselines import Baseline, thresholds
+from caesura_lab.evaluation.cases import suites
+from caesura_lab.evaluation.cases.annotated_declarations import with_annotated_declarations
+from caesura_lab.evaluation.cases.suites import (
     FileCase,
     ReadingOptions,
     SimulatedDemonstration,
@@ -30,7 +28,9 @@ from caesura_lab.evaluation.suites import (
     missing_recordings,
     suite,
 )
-from caesura_lab.evaluation.tables import as_markdown
+from caesura_lab.evaluation.reports.report import as_json, report
+from caesura_lab.evaluation.reports.tables import as_markdown
+from caesura_lab.evaluation.runner import judge
 from caesura_lab.ground_truth import (
     ToleranceOptions,
     TrueSegment,

@@ -13,7 +13,7 @@ import typer
 from typer.testing import CliRunner
 
 from caesura_lab.commands import register
-from caesura_lab.evaluation.metrics import TimedEstimate
+from caesura_lab.evaluation.scoring.metrics import TimedEstimate
 from caesura_lab.evaluation.thesis import suite, table_row_comparison
 from caesura_lab.evaluation.thesis.reference_segments import ROWS, ThesisBoundary, ThesisRow
 from caesura_lab.evaluation.thesis.simulated_demonstrations import (

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from caesura_lab.evaluation.truth_point_rate import density, main, near_points
+from caesura_lab.evaluation.studies.truth_point_rate import density, main, near_points
 from caesura_lab.ground_truth import TrueChangepoint, Truth
 
 

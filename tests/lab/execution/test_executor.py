@@ -11,7 +11,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from caesura_lab.evaluation.program_mutations import violations
+from caesura_lab.evaluation.programs.program_mutations import violations
 from caesura_lab.execution.cell_simulation import CellSimulation
 from caesura_lab.execution.executor import RunResult, SimulatedCell, execute, run
 from caesura_lab.execution.safety_monitor import RobotStopped, SafetyMonitor

@@ -10,7 +10,7 @@ import typer
 from numpy.testing import assert_allclose
 from typer.testing import CliRunner
 
-from caesura_lab.evaluation.suites import SimulatedDemonstration, SuiteOptions, suite
+from caesura_lab.evaluation.cases.suites import SimulatedDemonstration, SuiteOptions, suite
 from caesura_lab.teacher.command_registration import register
 from caesura_lab.teacher.scenarios import SCENARIOS, moved
 from caesura_lab.teacher.simulated_teaching import SimulatedTeaching

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
+from caesura_lab.evaluation.reports.tables import Grid, markdown_grid, rich_grid
 from caesura_lab.evaluation.thesis.reference_segments import ROWS, ExpectedValue, ThesisRow
 from caesura_lab.evaluation.thesis.suite import OPEN
 from caesura_lab.evaluation.thesis.summary import PASSES, Report, Summary, main_settings

@@ -18,8 +18,8 @@ from time import perf_counter
 
 import numpy as np
 
-from caesura_lab.evaluation.linear_assignment import best_pairs
-from caesura_lab.evaluation.metrics import ROUNDING_S, TimedEstimate
+from caesura_lab.evaluation.scoring.linear_assignment import best_pairs
+from caesura_lab.evaluation.scoring.metrics import ROUNDING_S, TimedEstimate
 from caesura_lab.evaluation.thesis.reference_segments import ThesisBoundary, ThesisRow
 from caesura_lab.ground_truth import Truth
 from caesura_protocol.recording import Recording

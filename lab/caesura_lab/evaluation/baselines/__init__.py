@@ -1,0 +1,1 @@
+"""Methods of other authors, with their signals, features and settings."""

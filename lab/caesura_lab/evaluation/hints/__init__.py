@@ -1,0 +1,1 @@
+"""Hints to the teacher, judged on demonstrations with injected faults."""

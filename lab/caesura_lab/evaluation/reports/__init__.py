@@ -1,0 +1,1 @@
+"""Reports of scores: tables, typical errors, calibration and its diagram."""

@@ -273,8 +273,8 @@ def _round_trip_page(seeds: range, robot: str, speed: RunSpeed, workers: int) ->
     )
     title = program_round_trip.title(seeds, robot, speed)
     return ResultPage(
-        text=lambda: program_round_trip.as_text(summary, title),
-        markdown=lambda: program_round_trip.as_markdown(summary, title),
+        text=lambda: program_round_trip.page(summary, title).as_text(),
+        markdown=lambda: program_round_trip.page(summary, title).as_markdown(),
         plain=lambda: {"title": title, "trips": program_round_trip.as_json(summary)},
     )
 
@@ -294,15 +294,15 @@ def _coaching_page(data: Path, seeds: range, workers: int) -> ResultPage:
 def _suite_page(
     suite: Any, run: Callable[[Any], object], cases: Sequence[Any], seeds: range, workers: int
 ) -> ResultPage:
-    """Return the page of a suite: a module with `summarise`, `title`, `as_text`, `as_markdown`, `as_json`.
+    """Return the page of a suite: a module with `summarise`, `title`, `page` and `as_json`.
 
     A suite with bars has `unmet` too.
     """
     result = suite.summarise(_with_progress(each(run, cases, workers=workers), cases))
     title = suite.title(seeds)
     return ResultPage(
-        text=lambda: suite.as_text(result, title),
-        markdown=lambda: suite.as_markdown(result, title),
+        text=lambda: suite.page(result, title).as_text(),
+        markdown=lambda: suite.page(result, title).as_markdown(),
         plain=lambda: {"title": title, **suite.as_json(result)},
         unmet=suite.unmet(result) if hasattr(suite, "unmet") else (),
     )
@@ -322,8 +322,8 @@ def _mutation_page(count: int, workers: int) -> ResultPage:
     numbers = range(count)
     fates = list(_with_progress(each(program_mutations.run_mutation, numbers, workers=workers), numbers))
     return ResultPage(
-        text=lambda: program_mutations.as_text(fates),
-        markdown=lambda: program_mutations.as_markdown(fates),
+        text=lambda: program_mutations.page(fates).as_text(),
+        markdown=lambda: program_mutations.page(fates).as_markdown(),
         plain=lambda: program_mutations.as_json(fates),
     )
 
@@ -336,8 +336,8 @@ def _evidence_page(
     title = libraries.title(f"suite {suite_name}" if suite_name else "files", evidences)
     notes = [*missing, *_left_out(refused)]
     return ResultPage(
-        text=lambda: libraries.as_text(evidences, title, notes),
-        markdown=lambda: libraries.as_markdown(evidences, title, notes),
+        text=lambda: libraries.page(evidences, title, notes).as_text(),
+        markdown=lambda: libraries.page(evidences, title, notes).as_markdown(),
         plain=lambda: libraries.as_json(evidences, title, notes),
         refused=_refused_words(len(refused), len(cases)),
     )

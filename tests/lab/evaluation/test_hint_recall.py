@@ -19,7 +19,6 @@ from caesura_lab.evaluation.hints.hint_recall import (
     CoachingResult,
     FaultResult,
     PublishedHint,
-    as_markdown,
     bars,
     summarise,
     title,
@@ -198,7 +197,7 @@ def test_results_are_counted_by_fault_and_by_set():
     some = [result("a-1", 0.3), None, result("b-1", 0.7), result("c-1", None)]
     summary = summarise(some)
     assert [one.found for one in summary.faults["hand"]] == [True, False, False]
-    page = as_markdown(summary, title(range(1, 3)))
+    page = hint_recall.page(summary, title(range(1, 3))).as_markdown()
     assert "| hand | hand_in_wrench | 1 of 3 | 0.33 | 0.30 | 0.30 |" in page
     assert "2.00" in page  # false hints a minute
     assert "0.70 s late" in page

@@ -98,7 +98,7 @@ def test_the_table_counts_what_holds_and_says_why_the_others_do_not() -> None:
     good = RoundTripResult(CASE, ("a",), ("a",), (0.001, 0.003), (0.02,), None)
     bad = RoundTripResult(RoundTripCase("dispenser", 2), ("a",), ("b",), (), (), "app 1 is b, taught was a")
     console = Console(width=90, record=True, file=StringIO())
-    console.print(program_round_trip.as_text(summarise([bad, good]), "title"))
+    console.print(program_round_trip.page(summarise([bad, good]), "title").as_text())
     text = console.export_text()
     assert "1/2" in text
     assert "app 1 is b, taught was a" in text

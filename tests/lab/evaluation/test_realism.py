@@ -134,6 +134,6 @@ def test_the_tables_have_people_before_and_after(monkeypatch: pytest.MonkeyPatch
     assert result.simulated[IDEAL]["all"].auc > result.simulated[NATURAL]["all"].auc
     assert result.guided[IDEAL]["all"].auc > 0.9
     assert set(result.real) == {"delft", "modena"}
-    page = realism.as_markdown(result, realism.title(range(1, 3)))
+    page = realism.page(result, realism.title(range(1, 3))).as_markdown()
     assert all(f"| {name} |" in page for name in ("all", *MEASURES))
     assert realism.as_json(result)["counts"]["delft"] == (6, 48)

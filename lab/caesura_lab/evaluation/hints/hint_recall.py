@@ -18,8 +18,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Group, RenderableType
-from rich.text import Text
 
 from caesura_lab.evaluation.hints.injected_faults import (
     INJECTED,
@@ -32,7 +30,7 @@ from caesura_lab.evaluation.hints.injected_faults import (
     first_unrecorded,
     least_singular_value,
 )
-from caesura_lab.evaluation.reports.tables import Grid, markdown_grid, rich_grid
+from caesura_lab.evaluation.reports.grids import Grid, GridPage
 from caesura_lab.teacher.scenarios import BASIC, SKILLS
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.formats.read import load_recording
@@ -390,17 +388,9 @@ def _clean_row(group: str, some: Sequence[CleanResult]) -> tuple[str, ...]:
     )
 
 
-def as_text(summary: CoachingSummary, heading: str) -> RenderableType:
-    """Render the results for a terminal."""
-    parts: list[RenderableType] = [Text(heading, style="bold")]
-    for grid in _grids(summary):
-        parts += rich_grid(grid)
-    return Group(*parts)
-
-
-def as_markdown(summary: CoachingSummary, heading: str) -> str:
-    """Render the results as Markdown for a page."""
-    return "\n\n".join([f"**{heading}**", *map(markdown_grid, _grids(summary))]) + "\n"
+def page(summary: CoachingSummary, heading: str) -> GridPage:
+    """Return the tables of the results."""
+    return GridPage(heading, _grids(summary))
 
 
 def as_json(summary: CoachingSummary) -> dict[str, Any]:

@@ -14,11 +14,9 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
-from rich.console import Group, RenderableType
-from rich.text import Text
 
 from caesura_lab.evaluation.programs.program_round_trip import LIMITS_N
-from caesura_lab.evaluation.reports.tables import Grid, markdown_grid, rich_grid
+from caesura_lab.evaluation.reports.grids import Grid, GridPage
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App
 from caesura_protocol.programs.safety import CellSettings, Safety
@@ -287,17 +285,9 @@ def _counts(results: Sequence[MutationResult], outcomes: Sequence[Outcome]) -> t
     return (str(len(results)), *(str(sum(f.outcome == one for f in results)) for one in outcomes))
 
 
-def as_text(results: Sequence[MutationResult]) -> RenderableType:
-    """Render the results for a terminal."""
-    parts: list[RenderableType] = [Text(title(len(results)), style="bold")]
-    for grid in _grids(results):
-        parts += rich_grid(grid)
-    return Group(*parts)
-
-
-def as_markdown(results: Sequence[MutationResult]) -> str:
-    """Render the results as Markdown for a page."""
-    return "\n\n".join([f"**{title(len(results))}**", *map(markdown_grid, _grids(results))]) + "\n"
+def page(results: Sequence[MutationResult]) -> GridPage:
+    """Return the tables of the results."""
+    return GridPage(title(len(results)), _grids(results))
 
 
 def as_json(results: Sequence[MutationResult]) -> dict[str, Any]:

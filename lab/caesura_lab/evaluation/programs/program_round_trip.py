@@ -22,8 +22,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Group, RenderableType
-from rich.text import Text
 
 from caesura_lab.evaluation.programs.division_differences import (
     AROUND_S,
@@ -32,7 +30,7 @@ from caesura_lab.evaluation.programs.division_differences import (
     differences,
     movements_of,
 )
-from caesura_lab.evaluation.reports.tables import Grid, markdown_grid, rich_grid
+from caesura_lab.evaluation.reports.grids import Grid, GridPage
 from caesura_lab.path_distance import furthest
 from caesura_lab.teacher.hand_motion_plan import TICKS_PER_S
 from caesura_protocol.app_kinds import APP_KINDS, app_name, app_number, app_title, name_of_app
@@ -383,17 +381,9 @@ def _spread(errors: Sequence[float]) -> tuple[str, str]:
     return (f"{np.median(errors):.1f}", f"{np.max(errors):.1f}") if errors else ("–", "–")
 
 
-def as_text(summary: Mapping[str, Sequence[RoundTripResult]], heading: str) -> RenderableType:
-    """Render the results for a terminal."""
-    parts: list[RenderableType] = [Text(heading, style="bold")]
-    for grid in _grids(summary):
-        parts += rich_grid(grid)
-    return Group(*parts)
-
-
-def as_markdown(summary: Mapping[str, Sequence[RoundTripResult]], heading: str) -> str:
-    """Render the results as Markdown for a page."""
-    return "\n\n".join([f"**{heading}**", *map(markdown_grid, _grids(summary))]) + "\n"
+def page(summary: Mapping[str, Sequence[RoundTripResult]], heading: str) -> GridPage:
+    """Return the tables of the results."""
+    return GridPage(heading, _grids(summary))
 
 
 def as_json(summary: Mapping[str, Sequence[RoundTripResult]]) -> dict[str, Any]:

@@ -15,10 +15,10 @@ from itertools import pairwise
 from statistics import median
 from typing import Any
 
-from rich.console import Group, RenderableType
-from rich.text import Text
+from rich.console import RenderableType
 
-from caesura_lab.evaluation.reports.tables import Grid, markdown_grid, rich_grid, with_slack
+from caesura_lab.evaluation.reports.grids import Grid, GridPage
+from caesura_lab.evaluation.reports.tables import with_slack
 from caesura_lab.evaluation.runner import NotApplicable, Verdict
 from caesura_lab.evaluation.scoring.score import Score, StatedProbability
 
@@ -236,16 +236,12 @@ def _summary(result: CalibrationReport, layout: str) -> Grid:
 
 def as_text(result: CalibrationReport) -> RenderableType:
     """Render the results for a terminal."""
-    parts: list[RenderableType] = [Text(result.title, style="bold")]
-    for grid in grids(result, "{} {}"):
-        parts += rich_grid(grid)
-    return Group(*parts, *map(Text, result.notes))
+    return GridPage(result.title, grids(result, "{} {}"), result.notes).as_text()
 
 
 def as_markdown(result: CalibrationReport) -> str:
     """Render the results as Markdown for a page."""
-    tables = [markdown_grid(grid) for grid in grids(result, "{} ({})")]
-    return "\n\n".join([f"**{result.title}**", *tables, *result.notes]) + "\n"
+    return GridPage(result.title, grids(result, "{} ({})"), result.notes).as_markdown()
 
 
 def as_json(result: CalibrationReport) -> dict[str, Any]:

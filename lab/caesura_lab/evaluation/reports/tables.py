@@ -7,12 +7,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
-from rich.console import Group, RenderableType
-from rich.table import Table
-from rich.text import Text
+from rich.console import RenderableType
 
+from caesura_lab.evaluation.reports.grids import Grid, GridPage
 from caesura_lab.evaluation.reports.report import (
     IN_SETS,
     MARGINS,
@@ -33,32 +31,17 @@ from caesura_protocol.number_words import counted
 TYPICAL = 8  # so many lines of each list of errors
 
 
-@dataclass(frozen=True)
-class Grid:
-    """A table as text: each row has one cell per heading; the first is its name."""
-
-    title: str
-    headings: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-
 def as_text(report: Report, *, detailed: Sequence[str] = ()) -> RenderableType:
     """For a terminal of 80 columns: intervals stand below their values.
 
     detailed: methods whose confusion and typical errors are shown.
     """
-    parts: list[RenderableType] = [Text(report.title, style="bold")]
-    for grid in _grids(report, "{}\n{}", detailed):
-        parts += rich_grid(grid)
-    return Group(*parts, *map(Text, _notes(report)))
+    return GridPage(report.title, list(_grids(report, "{}\n{}", detailed)), _notes(report)).as_text()
 
 
 def as_markdown(report: Report, *, detailed: Sequence[str] = ()) -> str:
     """For a page: intervals stand beside their values. detailed: as in `as_text`."""
-    parts = [f"**{report.title}**"]
-    for grid in _grids(report, "{} ({})", detailed):
-        parts.append(markdown_grid(grid))
-    return "\n\n".join([*parts, *_notes(report)]) + "\n"
+    return GridPage(report.title, list(_grids(report, "{} ({})", detailed)), _notes(report)).as_markdown()
 
 
 def _grids(report: Report, layout: str, detailed: Sequence[str]) -> Iterator[Grid]:
@@ -231,23 +214,3 @@ def _notes(report: Report) -> list[str]:
         for (method, reason), times in sorted(reasons.items())
     ]
     return [*unfit, *report.missing]
-
-
-def rich_grid(grid: Grid) -> list[RenderableType]:
-    """Return a grid for a terminal: its title, and the table."""
-    table = Table(padding=(0, 1, 0, 0), box=None)
-    for i, heading in enumerate(grid.headings):
-        table.add_column(Text(heading), justify="right" if i else "left", no_wrap=not i)
-    for row in grid.rows:
-        table.add_row(*map(Text, row))  # as text: brackets are no markup here
-    return [Text(f"\n{grid.title}", style="italic"), table]
-
-
-def markdown_grid(grid: Grid) -> str:
-    """Return a grid as Markdown: its title, and the table."""
-    lines = [_line(grid.headings), _line(["---"] + ["---:"] * (len(grid.headings) - 1))]
-    return "\n".join([f"{grid.title}\n", *lines, *map(_line, grid.rows)])
-
-
-def _line(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"

@@ -22,7 +22,7 @@ from scipy.optimize import minimize
 
 from caesura_lab.evaluation.baselines.conditioned_signals import Signals, grid_signals
 from caesura_lab.evaluation.cases.suites import OPEN, SuiteOptions, suite
-from caesura_lab.evaluation.reports.tables import Grid, rich_grid
+from caesura_lab.evaluation.reports.grids import Grid
 from caesura_lab.ground_truth import Truth
 from caesura_service.changepoint.channel_model import AXES
 from caesura_service.changepoint.default_presets import guided_motion
@@ -125,8 +125,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=OPEN, help="the directory of the recordings")
     for grid in grids(_by_set(parser.parse_args().data)):
-        for part in rich_grid(grid):
-            Console().print(part)
+        Console().print(grid.as_text())
 
 
 if __name__ == "__main__":

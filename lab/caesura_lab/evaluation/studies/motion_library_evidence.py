@@ -12,11 +12,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeGuard
 
-from rich.console import Group, RenderableType
-from rich.text import Text
-
 from caesura_lab.evaluation.cases.suites import Case, FileCase
-from caesura_lab.evaluation.reports.tables import Grid, markdown_grid, rich_grid
+from caesura_lab.evaluation.reports.grids import Grid, GridPage
 from caesura_lab.ground_truth import truth_file
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.number_words import counted
@@ -151,18 +148,13 @@ def grid(evidences: Sequence[LibraryEvidence]) -> Grid:
     return Grid(NOTE, ("recording", "n", *LIBRARIES), tuple(rows))
 
 
-def as_text(evidences: Sequence[LibraryEvidence], heading: str, missing: Sequence[str]) -> RenderableType:
-    """Render the results for a terminal. missing: notes on recordings without a result."""
-    return Group(Text(heading, style="bold"), *rich_grid(grid(evidences)), *map(Text, missing))
-
-
-def as_markdown(evidences: Sequence[LibraryEvidence], heading: str, missing: Sequence[str]) -> str:
-    """Render the results as Markdown for a page. missing: as in `as_text`."""
-    return "\n\n".join([f"**{heading}**", markdown_grid(grid(evidences)), *missing]) + "\n"
+def page(evidences: Sequence[LibraryEvidence], heading: str, missing: Sequence[str]) -> GridPage:
+    """Return the table of the results. missing: notes on recordings without a result."""
+    return GridPage(heading, [grid(evidences)], missing)
 
 
 def as_json(evidences: Sequence[LibraryEvidence], heading: str, missing: Sequence[str]) -> dict[str, Any]:
-    """Return the log evidences as plain values. missing: as in `as_text`."""
+    """Return the log evidences as plain values. missing: as in `page`."""
     total = _totals(evidences)
     return {
         "title": heading,

@@ -21,14 +21,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Group, RenderableType
-from rich.text import Text
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import minimize
 from scipy.special import expit
 from scipy.stats import rankdata
 
-from caesura_lab.evaluation.reports.tables import Grid, markdown_grid, rich_grid
+from caesura_lab.evaluation.reports.grids import Grid, GridPage
 from caesura_lab.ground_truth import TruthError
 from caesura_lab.teacher.movement_statistics import (
     MOVING_M_PER_S,
@@ -431,17 +429,9 @@ def _cells(found: SetSeparation) -> tuple[str, str]:
     return f"{found.auc:.2f} ({found.low:.2f}–{found.high:.2f})", f"{100 * found.accuracy:.0f} %"
 
 
-def as_text(result: RealismReport, heading: str) -> RenderableType:
-    """Render the result for a terminal."""
-    parts: list[RenderableType] = [Text(heading, style="bold")]
-    for grid in _grids(result):
-        parts += rich_grid(grid)
-    return Group(*parts)
-
-
-def as_markdown(result: RealismReport, heading: str) -> str:
-    """Render the result as Markdown for a page."""
-    return "\n\n".join([f"**{heading}**", *map(markdown_grid, _grids(result))]) + "\n"
+def page(result: RealismReport, heading: str) -> GridPage:
+    """Return the tables of the results."""
+    return GridPage(heading, _grids(result))
 
 
 def as_json(result: RealismReport) -> dict[str, Any]:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from rich.console import Group, RenderableType
-from rich.text import Text
+from rich.console import RenderableType
 
-from caesura_lab.evaluation.reports.tables import Grid, markdown_grid, rich_grid
+from caesura_lab.evaluation.reports.grids import Grid, GridPage
 from caesura_lab.evaluation.thesis.reference_segments import ROWS, ExpectedValue, ThesisRow
 from caesura_lab.evaluation.thesis.suite import OPEN
 from caesura_lab.evaluation.thesis.summary import PASSES, Report, Summary, main_settings
@@ -33,15 +32,12 @@ NOTES = (
 
 def as_text(report: Report, title: str) -> RenderableType:
     """For a terminal of 80 columns."""
-    parts: list[RenderableType] = [Text(title, style="bold")]
-    for grid in _grids(report):
-        parts += rich_grid(grid)
-    return Group(*parts, Text(""), *map(Text, NOTES))
+    return GridPage(title, list(_grids(report)), ["", *NOTES]).as_text()
 
 
 def as_markdown(report: Report, title: str) -> str:
     """Render the results as Markdown for a page."""
-    return "\n\n".join([f"**{title}**", *map(markdown_grid, _grids(report)), "\n".join(NOTES)]) + "\n"
+    return GridPage(title, list(_grids(report)), ["\n".join(NOTES)]).as_markdown()
 
 
 def title(seeds: range) -> str:

@@ -108,6 +108,17 @@ class Recording:
         object.__setattr__(self, "t", self._numbers("t", self.t))
         signals = {signal: self._numbers(signal, values) for signal, values in self.signals.items()}
         object.__setattr__(self, "signals", MappingProxyType(signals))
+        self._check_times()
+        if not {"pos", "q"} & set(self.signals):
+            raise RecordingError(
+                f"{self.name}: has {', '.join(sorted(self.signals)) or 'no signals'}, "
+                "expected at least one of pos and q"
+            )
+        for signal, values in self.signals.items():
+            self._check_signal(signal, values)
+        self._check_options()
+
+    def _check_times(self) -> None:
         if self.t.ndim != 1 or self.t.size == 0:
             remedy = (
                 ": write t.ravel()" if self.t.size and max(self.t.shape, default=0) == self.t.size else ""
@@ -121,32 +132,27 @@ class Recording:
                 f"{self.name}: {self.place(first)}: t is {self.t[first]}, expected a finite number: "
                 f"{LEAVE_OUT}"
             )
-        if not {"pos", "q"} & set(self.signals):
+
+    def _check_signal(self, signal: str, values: Array) -> None:
+        if signal not in COLUMNS_OF_SIGNAL:
             raise RecordingError(
-                f"{self.name}: has {', '.join(sorted(self.signals)) or 'no signals'}, "
-                "expected at least one of pos and q"
+                f"{self.name}: unknown signal {signal!r}, known: {', '.join(COLUMNS_OF_SIGNAL)}"
             )
-        for signal, values in self.signals.items():
-            if signal not in COLUMNS_OF_SIGNAL:
-                raise RecordingError(
-                    f"{self.name}: unknown signal {signal!r}, known: {', '.join(COLUMNS_OF_SIGNAL)}"
-                )
-            width = len(COLUMNS_OF_SIGNAL[signal])
-            widths = range(1, width + 1) if signal in JOINT_SIGNALS else (width,)
-            if values.ndim != 2 or len(values) != self.t.size or values.shape[1] not in widths:
-                expected = f"({self.t.size}, {'1 to ' * (len(widths) > 1)}{width})"
-                raise RecordingError(
-                    f"{self.name}: {signal} has shape {values.shape}, expected {expected}"
-                    f"{_shape_remedy(signal, values.shape, self.t.size)}"
-                )
-            if not np.isfinite(values).all():
-                row, column = np.argwhere(~np.isfinite(values))[0]
-                name = COLUMNS_OF_SIGNAL[signal][column]
-                raise RecordingError(
-                    f"{self.name}: {self.place(int(row))}: {name} is {values[row, column]}, expected a "
-                    f"finite number: {LEAVE_OUT}"
-                )
-        self._check_options()
+        width = len(COLUMNS_OF_SIGNAL[signal])
+        widths = range(1, width + 1) if signal in JOINT_SIGNALS else (width,)
+        if values.ndim != 2 or len(values) != self.t.size or values.shape[1] not in widths:
+            expected = f"({self.t.size}, {'1 to ' * (len(widths) > 1)}{width})"
+            raise RecordingError(
+                f"{self.name}: {signal} has shape {values.shape}, expected {expected}"
+                f"{_shape_remedy(signal, values.shape, self.t.size)}"
+            )
+        if not np.isfinite(values).all():
+            row, column = np.argwhere(~np.isfinite(values))[0]
+            name = COLUMNS_OF_SIGNAL[signal][column]
+            raise RecordingError(
+                f"{self.name}: {self.place(int(row))}: {name} is {values[row, column]}, expected a "
+                f"finite number: {LEAVE_OUT}"
+            )
 
     def _numbers(self, name: str, values: ArrayLike) -> Array:
         """Return values as an array of floats; masked ones become nan. Raises RecordingError."""

@@ -6,7 +6,7 @@ import json
 import math
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -34,6 +34,9 @@ from caesura_protocol.programs.program_gripper import gripper_of, with_gripper
 from caesura_protocol.robots import robot_description
 from caesura_protocol.session_time_display import NO_OFFSET, SessionClock, clock_from
 from caesura_protocol.up_direction import APART_RAD, UP, tilt_between, up_in_words
+
+if TYPE_CHECKING:
+    from caesura_lab.execution.executor import RunResult
 
 ProgramPath = Annotated[
     Path, typer.Argument(metavar="PROGRAM", help="JSON of `caesura program --format json`.")
@@ -194,17 +197,20 @@ def _run(program: ProgramFile, scenario: str | None, seed: int, out: Path | None
             raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
     if scenario is None:
         typer.echo(taught_cell_in_words(cell), err=True)
-    seconds = float(done.trace.t[-1])
-    fastest = float(np.linalg.norm(done.trace.twist[:, :3], axis=1).max())
-    strongest = float(np.linalg.norm(done.trace.contact, axis=1).max())
-    typer.echo(
-        f"{seconds:.1f} s, at most {1000.0 * fastest:.0f} mm/s and {strongest:.1f} N"
-        + (f"; {out}" if out else "")
-    )
+    typer.echo(_figures(done) + (f"; {out}" if out else ""))
     if done.stopped is not None:
         where = "" if done.at is None else f" in {name_of_app(done.at, program.apps[done.at])}"
         typer.echo(f"stopped{where}: {done.stopped}", err=True)
     return done.stopped is not None
+
+
+def _figures(done: RunResult) -> str:
+    """Return the duration of a run, its highest speed and its strongest contact as text."""
+    import numpy as np  # noqa: PLC0415
+
+    fastest = float(np.linalg.norm(done.trace.twist[:, :3], axis=1).max())
+    strongest = float(np.linalg.norm(done.trace.contact, axis=1).max())
+    return f"{done.trace.t[-1]:.1f} s, at most {1000.0 * fastest:.0f} mm/s and {strongest:.1f} N"
 
 
 def _clock_of(program: ProgramFile) -> SessionClock:

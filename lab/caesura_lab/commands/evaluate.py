@@ -200,8 +200,8 @@ def evaluate(
             _check_speed(speed, suite_name, spoilt=mutated is not None)
             reading = ReadingOptions(mapping, force_frame, length_unit, time_unit, angle_unit, force_unit, up)
             _check_reading(reading, suite_name)
+            extent = SuiteOptions(seeds or SEEDS, first_seed, data, robot=robot)
             if evidence:
-                extent = SuiteOptions(seeds or SEEDS, first_seed, data, robot=robot)
                 cases = _cases(recordings or [], suite_name, extent, reading, known=list(SUITES))
                 page = _evidence_page(suite_name, cases, missing_recordings(suite_name, extent), workers)
             elif suite_name == ROUNDTRIP and not recordings:
@@ -215,28 +215,22 @@ def evaluate(
                 made, usual_seeds = other
                 page = made(data, range(first_seed, first_seed + (seeds or usual_seeds)), workers)
             else:
-                extent = SuiteOptions(seeds or SEEDS, first_seed, data, robot=robot)
                 cases = _cases(recordings or [], suite_name, extent, reading)
-                missing = missing_recordings(suite_name, extent)
                 if calibrated:
                     methods = _methods(preset or [DEFAULT_PRESET], with_baselines=False)
                 elif ablate:
                     methods = _ablated()
                 else:
                     methods = _methods(preset or DEFAULT_PRESETS, with_baselines=with_baselines)
-                tolerance_options = [ToleranceOptions(s, tolerance) for s in sorted({0.0, slack})]
-                results, refused = _accepted(
-                    judge_all(cases, methods, tolerance_options, workers=workers), cases
+                judged = _judged(
+                    cases,
+                    methods,
+                    tolerance=tolerance,
+                    slack=slack,
+                    suite_name=suite_name,
+                    missing=missing_recordings(suite_name, extent),
+                    workers=workers,
                 )
-                judged = SuiteVerdicts(
-                    title=_title(suite_name, len(cases) - len(refused), tolerance),
-                    methods=[method.name for method in methods],
-                    verdicts=[verdict for some in results for verdict in some],
-                    missing=[*missing, *_left_out(refused)],
-                    refused=_refused_words(len(refused), len(cases)),
-                )
-                if suite_name in {None, "real"}:  # the others change recordings, or make them
-                    _warn(judged.verdicts)
                 if calibrated:
                     page = _calibration(judged, diagram_file)
                 else:
@@ -244,6 +238,31 @@ def evaluate(
         except (TruthError, RecordingError, MissingExtraError) as error:
             raise ProtocolError("malformed", str(error)) from error
         _write(page, output_format, out)
+
+
+def _judged(
+    cases: Sequence[Case],
+    methods: Sequence[Method],
+    *,
+    tolerance: float,
+    slack: float,
+    suite_name: str | None,
+    missing: Sequence[str],
+    workers: int,
+) -> SuiteVerdicts:
+    """Judge every method on every case, without slack and with it; warn of what recordings lack."""
+    tolerance_options = [ToleranceOptions(s, tolerance) for s in sorted({0.0, slack})]
+    results, refused = _accepted(judge_all(cases, methods, tolerance_options, workers=workers), cases)
+    judged = SuiteVerdicts(
+        title=_title(suite_name, len(cases) - len(refused), tolerance),
+        methods=[method.name for method in methods],
+        verdicts=[verdict for some in results for verdict in some],
+        missing=[*missing, *_left_out(refused)],
+        refused=_refused_words(len(refused), len(cases)),
+    )
+    if suite_name in {None, "real"}:  # the others change recordings, or make them
+        _warn(judged.verdicts)
+    return judged
 
 
 # The suites below import a second's worth of scipy, which every command would wait for.

@@ -7,7 +7,7 @@ from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_protocol.app_contacts import ends_in_contact
-from caesura_protocol.messages import App
+from caesura_protocol.messages import App, AppPath
 from caesura_protocol.programs.app_time_shifts import TURNED_M
 from caesura_protocol.programs.contact_forces import touching_force
 from caesura_protocol.programs.safety import Safety
@@ -52,24 +52,12 @@ def app_path(
     speed of the path; otherwise it goes to the first via point. Without a path it moves straight. In
     comparisons a radian of a turn counts as `TURNED_M`.
     """
-    path, target = app.path, position if app.target is None else np.array(app.target)
-    if path is None or app.target is None:
-        turns = app.orientation is not None
-        end = [*target, *(app.orientation or ())] if turns else target
+    if app.path is None or app.target is None:
+        end = [*(position if app.target is None else app.target), *(app.orientation or ())]
         times, values = np.array([0.0, seconds]), np.array([end, end], dtype=np.float64)
         passing = np.full((2, 6), np.nan)
     else:
-        times, values, passing = knots_of(app)
-        away = float(np.linalg.norm(values[0, :3] - position))
-        turn = 0.0
-        if values.shape[1] == 7:
-            away += TURNED_M * angle_of_matrices(rotation, matrix_of(values[0, 3:]))
-            turn = float(np.linalg.norm(np.diff(turned_along(values[:, 3:]), axis=0), axis=1).sum())
-        if away > ASTRAY_M:
-            way = max(path.length_m + TURNED_M * turn, ASTRAY_M)
-            pace = way / max(path.tn - path.start.t, LEAST_S)
-            times, values = np.append(times[0] - away / pace, times), np.vstack([values[:1], values])
-            passing = np.vstack([passing[:1], passing])
+        times, values, passing = _taught_knots(app, app.path, position, rotation)
         slower = seconds / (times[-1] - times[0])
         times, passing = (times - times[0]) * slower, passing / slower
     here = position
@@ -88,6 +76,28 @@ def app_path(
         passing[-1, :3] = arriving
     curve = Curve.through(times, values, passing=passing)
     return curve if arriving is None else _braked(curve, arriving)
+
+
+def _taught_knots(app: App, path: AppPath, position: Array, rotation: Array) -> tuple[Array, Array, Array]:
+    """Return the knots of the taught path, with the way to its start if the robot is far from it.
+
+    As `knots_of`: times (n,) [s], poses (n, c) and velocities (n, 6).
+    """
+    times, values, passing = knots_of(app)
+    away = float(np.linalg.norm(values[0, :3] - position))
+    turn = 0.0
+    if values.shape[1] == 7:
+        away += TURNED_M * angle_of_matrices(rotation, matrix_of(values[0, 3:]))
+        turn = float(np.linalg.norm(np.diff(turned_along(values[:, 3:]), axis=0), axis=1).sum())
+    if away <= ASTRAY_M:
+        return times, values, passing
+    way = max(path.length_m + TURNED_M * turn, ASTRAY_M)
+    pace = way / max(path.tn - path.start.t, LEAST_S)
+    return (
+        np.append(times[0] - away / pace, times),
+        np.vstack([values[:1], values]),
+        np.vstack([passing[:1], passing]),
+    )
 
 
 def _blend(times: Array, values: Array, passing: Array, here: Array) -> None:

@@ -75,9 +75,7 @@ def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedA
     apps = [without_friction(app) for app in program.apps]
     for index, (app, way) in enumerate(zip(apps, ways_to_paths(apps), strict=True)):
         following = apps[index + 1] if index + 1 < len(apps) else None
-        contact = None
-        if ends_in_contact(app, following):
-            contact = press_direction(app, following)
+        contact = press_direction(app, following) if ends_in_contact(app, following) else None
         short = None if contact is None else _scaled(contact, STANDOFF_M)
         legs = []
         if app.kind not in GRIPS and (app.kind != "apply_force" or app.path is not None):
@@ -86,14 +84,7 @@ def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedA
         begins = place if app.path is None else app.path.start.position
         if begins is not None and all(_stays(leg, begins) for leg in legs):
             legs = []
-        wait = stay = hold = 0.0
-        if app.kind == "apply_force":
-            wait, hold = rests_of(app)
-            stay = 0.0 if legs else app.tn - app.t0 - wait - hold
-        elif not legs and contact is None and app.kind not in GRIPS:
-            hold = app.tn - app.t0
-        elif app.kind == "hold":  # its way is a drift: it lasts as long as it was taught
-            hold = max(app.tn - app.t0 - sum(leg.seconds for leg in legs), 0.0)
+        wait, stay, hold = _seconds_at_rest(app, legs, ends_in_contact=contact is not None)
         start = None
         if not moved and legs:
             start, legs = _begun(app, legs)
@@ -101,15 +92,39 @@ def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedA
             legs = [_leg_to_path(app, way, program.safety), *legs]
         stands = app.target if app.kind == "grasp" and not moved else None
         moved = moved or start is not None
-        pause = pause_between(app, following, program.safety)
         legs, clear = _cleared(legs, touched, contact)
-        rests = rest_newtons(app)
+        wait_n, hold_n = rest_newtons(app)
         yield PlannedApp(
-            index, app, start, begins, legs, contact, wait, stay, hold, pause, *rests, clear, stands
+            place=index,
+            app=app,
+            start=start,
+            begins=begins,
+            legs=legs,
+            contact=contact,
+            wait_s=wait,
+            stay_s=stay,
+            hold_s=hold,
+            pause_s=pause_between(app, following, program.safety),
+            wait_n=wait_n,
+            hold_n=hold_n,
+            clear_legs=clear,
+            stands=stands,
         )
         place, orientation = app.target or place, app.orientation or orientation
         touches = contact is not None or app.kind == "apply_force"
         touched = place if touches else _still_touched(legs, touched)
+
+
+def _seconds_at_rest(app: App, legs: list[Leg], *, ends_in_contact: bool) -> tuple[float, float, float]:
+    """Return how long [s] an app waits before its legs, stays in place of legs, and holds after them."""
+    if app.kind == "apply_force":
+        wait, hold = rests_of(app)
+        return wait, 0.0 if legs else app.tn - app.t0 - wait - hold, hold
+    if not legs and not ends_in_contact and app.kind not in GRIPS:
+        return 0.0, 0.0, app.tn - app.t0
+    if app.kind == "hold":  # its way is a drift: it lasts as long as it was taught
+        return 0.0, 0.0, max(app.tn - app.t0 - sum(leg.seconds for leg in legs), 0.0)
+    return 0.0, 0.0, 0.0
 
 
 def pause_between(app: App, following: App | None, safety: Safety) -> float:

@@ -306,51 +306,39 @@ def title(seeds: Sequence[int]) -> str:
 
 
 def _grids(summary: CoachingSummary) -> list[Grid]:
-    every = tuple(one for some in summary.faults.values() for one in some)
-    rows = [_fault_row(name, some) for name, some in summary.faults.items()]
-    faults = Grid(
-        "injected faults",
-        ("fault", "hint", "found", "recall", "median latency [s]", "worst found [s]"),
-        (*rows, _fault_row("all", every)),
-    )
-    clean = Grid(
-        "hints without a fault",
-        (
-            "set",
-            "recordings",
-            "minutes",
-            "hints",
-            "a minute",
-            "with a cause in the truth",
-            "false a minute",
-            "kinds",
-        ),
-        tuple(_clean_row(group, some) for group, some in summary.clean.items()),
-    )
+    grids = [_bar_grid(summary), _fault_grid(summary), _clean_grid(summary)]
     missed = tuple(
         (one.fault, f"{one.scenario}-{one.seed}", f"{one.cause:.2f}", _late(one))
-        for one in every
+        for one in _every_fault(summary)
         if not one.found
     )
-    demanded = Grid(
-        "bars, simulated people",
-        ("bar", "wanted", "found", "met"),
-        tuple(
-            (
-                bar.name,
-                bar.wanted,
-                "–" if bar.found is None else f"{bar.found:.2f}",
-                "yes" if bar.is_met else "no",
-            )
-            for bar in bars(summary)
-        ),
-    )
-    parts = [demanded, faults, clean]
-    return (
-        [*parts, Grid("not found in time", ("fault", "demonstration", "cause [s]", "hint"), missed)]
-        if missed
-        else parts
-    )
+    if missed:
+        grids.append(Grid("not found in time", ("fault", "demonstration", "cause [s]", "hint"), missed))
+    return grids
+
+
+def _every_fault(summary: CoachingSummary) -> tuple[FaultResult, ...]:
+    return tuple(one for some in summary.faults.values() for one in some)
+
+
+def _bar_grid(summary: CoachingSummary) -> Grid:
+    rows = []
+    for bar in bars(summary):
+        found = "–" if bar.found is None else f"{bar.found:.2f}"
+        rows.append((bar.name, bar.wanted, found, "yes" if bar.is_met else "no"))
+    return Grid("bars, simulated people", ("bar", "wanted", "found", "met"), tuple(rows))
+
+
+def _fault_grid(summary: CoachingSummary) -> Grid:
+    rows = [_fault_row(name, some) for name, some in summary.faults.items()]
+    headings = ("fault", "hint", "found", "recall", "median latency [s]", "worst found [s]")
+    return Grid("injected faults", headings, (*rows, _fault_row("all", _every_fault(summary))))
+
+
+def _clean_grid(summary: CoachingSummary) -> Grid:
+    causes = ("hints", "a minute", "with a cause in the truth", "false a minute", "kinds")
+    rows = tuple(_clean_row(group, some) for group, some in summary.clean.items())
+    return Grid("hints without a fault", ("set", "recordings", "minutes", *causes), rows)
 
 
 def _late(one: FaultResult) -> str:

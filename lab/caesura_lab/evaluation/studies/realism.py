@@ -349,7 +349,7 @@ def fit(values: Sequence[Array], positive: Labels) -> Callable[[Array], Array]:
     together = np.concatenate(values)
     middle, spread = together.mean(axis=0), together.std(axis=0) + SMALLEST
     inputs = _terms((together - middle) / spread)
-    labels = np.concatenate([np.full(len(v), p) for v, p in zip(values, positive, strict=True)])
+    labels = _labels_of_windows(values, positive)
     weights = np.concatenate([np.full(len(v), 1.0 / len(v)) for v in values])
     for label in (False, True):
         weights[labels == label] *= 0.5 * len(labels) / weights[labels == label].sum()
@@ -365,6 +365,11 @@ def fit(values: Sequence[Array], positive: Labels) -> Callable[[Array], Array]:
     return lambda new: np.asarray(_terms((new - middle) / spread) @ best)
 
 
+def _labels_of_windows(by_recording: Sequence[Array], positive: Labels) -> Labels:
+    """Return the label of each window, from that of its recording."""
+    return np.repeat(positive, [len(windows) for windows in by_recording])
+
+
 def _terms(z: Array) -> Array:
     """Return one, values, squares and products of pairs."""
     first, second = np.triu_indices(z.shape[1])
@@ -374,7 +379,7 @@ def _terms(z: Array) -> Array:
 
 def _auc(scores: Sequence[Array], positive: Labels) -> float:
     """Return the probability that a window of the positive class has the higher score."""
-    labels = np.concatenate([np.full(len(s), p) for s, p in zip(scores, positive, strict=True)])
+    labels = _labels_of_windows(scores, positive)
     ranks = rankdata(np.concatenate(scores))
     ones, zeros = int(labels.sum()), int((~labels).sum())
     return float((ranks[labels].sum() - ones * (ones + 1) / 2) / (ones * zeros))
@@ -382,7 +387,7 @@ def _auc(scores: Sequence[Array], positive: Labels) -> float:
 
 def _accuracy(scores: Sequence[Array], positive: Labels) -> float:
     """Return the mean share of correctly classified windows in either class."""
-    labels = np.concatenate([np.full(len(s), p) for s, p in zip(scores, positive, strict=True)])
+    labels = _labels_of_windows(scores, positive)
     right = (np.concatenate(scores) > 0.0) == labels
     return float(0.5 * (right[labels].mean() + right[~labels].mean()))
 
@@ -438,11 +443,11 @@ def as_json(result: RealismReport) -> dict[str, Any]:
     """Return every figure as plain values."""
     return {
         "counts": dict(result.counts),
-        "simulated": {
-            who: {name: vars(found) for name, found in by.items()} for who, by in result.simulated.items()
-        },
-        "guided": {
-            who: {name: vars(found) for name, found in by.items()} for who, by in result.guided.items()
-        },
-        "real": {name: vars(found) for name, found in result.real.items()},
+        "simulated": {who: _plain(found) for who, found in result.simulated.items()},
+        "guided": {who: _plain(found) for who, found in result.guided.items()},
+        "real": _plain(result.real),
     }
+
+
+def _plain(separations: Mapping[str, SetSeparation]) -> dict[str, dict[str, float]]:
+    return {name: vars(found) for name, found in separations.items()}

@@ -31,7 +31,7 @@ from clients.conftest import free_port
 from clients.doctor.judged import grades, said, status
 from clients.examples import LiveSource, example, recording, samples, snapshot
 from clients.fake_service import eventually
-from service.journal.test_sqlite_journal import grow_again, grow_no_more
+from service.journal.journal_files import grow_again, grow_no_more
 
 
 def test_an_empty_network_has_no_service():

@@ -15,7 +15,7 @@ from harness.programs import DOWN, app, as_file, move, path_from, wiped
 
 from . import fake_franky
 from .franky_runs import flanges, motions, over_surface, passed, run
-from .test_ur_script import on_ur, places, played
+from .ur_runs import on_ur, places, played
 from .xarm_runs import on_xarm
 from .xarm_runs import run as run_xarm
 

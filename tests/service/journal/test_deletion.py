@@ -17,7 +17,7 @@ from caesura_service.journal.sqlite_journal import PATIENCE
 from harness.journals import journal_file, not_written
 from harness.processes import eventually
 from harness.sessions import COLUMNS, NAME, STATION, batch, demonstration
-from service.journal.test_sqlite_journal import grow_no_more
+from service.journal.journal_files import grow_no_more
 
 COUNT = 3 * BATCH
 KEY = (STATION, NAME)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.recording import Recording
 from caesura_service.segmentation.pipeline_interface import Pipeline
 from service.segmentation.corrected import whole
 
@@ -12,3 +16,8 @@ from service.segmentation.corrected import whole
 def shown() -> Pipeline:
     """A whole demonstration without corrections."""
     return whole()
+
+
+@pytest.fixture(scope="session")
+def taught() -> Recording:
+    return load_recording(Path(__file__).parents[3] / "data" / "pick_and_place.npz")

@@ -88,10 +88,7 @@ def save_annotation(document: Document, path: Path) -> None:
     the file cannot be written.
     """
     truth_of(document, str(path))
-    try:
-        _write(path, as_text(document))
-    except OSError as error:
-        raise SourceError(f"cannot write {path}: {error.strerror}") from error
+    _write(path, as_text(document))
 
 
 def save_draft(document: Document, path: Path) -> Path:
@@ -100,10 +97,7 @@ def save_draft(document: Document, path: Path) -> Path:
     Raises SourceError where it cannot be written.
     """
     draft = next(one for one in drafts(path) if not one.exists())
-    try:
-        _write(draft, as_text(document))
-    except OSError as error:
-        raise SourceError(f"cannot write {draft}: {error.strerror}") from error
+    _write(draft, as_text(document))
     return draft
 
 
@@ -120,6 +114,14 @@ def as_text(document: Document) -> str:
 
 
 def _write(path: Path, text: str) -> None:
+    """Replace a file atomically. Raises SourceError where it cannot be written."""
+    try:
+        _replace(path, text)
+    except OSError as error:
+        raise SourceError(f"cannot write {path}: {error.strerror}") from error
+
+
+def _replace(path: Path, text: str) -> None:
     with tempfile.NamedTemporaryFile(
         "w", encoding="utf-8", dir=path.parent, prefix=f".{path.name}.", delete=False
     ) as file:

@@ -150,18 +150,17 @@ def _recording_of(trace: SimulationTrace, cell: SimulatedCell, robot: Robot) -> 
 def _plan_of(trace: SimulationTrace, cell: SimulatedCell) -> Plan:
     """Return a motionless plan of a run's length, from which the sensors draw their noise."""
     n = trace.t.size
-    three, one = np.zeros((n, 3)), np.zeros(n)
-    aims = force_profile((), trace.t)
+    still = np.zeros((n, 3))
     return Plan(
         cell.scenario,
         cell.person,
-        three,
-        three,
-        three,
-        three,
-        three,
-        one,
-        aims,
-        trace.width,
-        trace.load_kg,
+        position=still,
+        velocity=still,
+        force=still,
+        torque=still,
+        feed_forward=still,
+        press=np.zeros(n),
+        aims=force_profile((), trace.t),
+        width=trace.width,
+        load_kg=trace.load_kg,
     )

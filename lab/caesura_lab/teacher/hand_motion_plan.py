@@ -106,8 +106,6 @@ def make_plan(scenario: Scenario, person: Person, rng: np.random.Generator) -> P
         turns = turns_about(scenario.turn_axis, angle, DT)
         moved += turns.swing(FINGERS_BELOW_FLANGE_M)
     velocity: Array = np.gradient(moved, DT, axis=0)
-    position = moved + path((0.0, 0.0, 0.0), planner.shifts, t)
-    press = path((0.0, 0.0, 0.0), planner.presses, t)[:, 2]
     pushed = path((0.0, 0.0, 0.0), planner.pushes, t)
     if turns is not None:
         pushed = turns.along_tool(pushed)
@@ -117,24 +115,22 @@ def make_plan(scenario: Scenario, person: Person, rng: np.random.Generator) -> P
         t, planner.closed_s, planner.opened_s, any(s.kind == "grasp" for s in scenario.steps)
     )
     torque = TURN_WANDER_NM * ornstein_uhlenbeck(n, 3, WANDER_S, TICKS_PER_S, rng)
-    load_kg = person.load_kg * held.astype(np.float64)
-    aims = force_profile(planner.aims, t)
     if turns is not None:
         torque += turning_torque(turns, person, DT, rng)
     return Plan(
         scenario,
         person,
-        position,
-        velocity,
-        force,
-        torque,
-        feed_forward,
-        press,
-        aims,
-        width,
-        load_kg,
-        turns,
-        tuple(planner.phases),
+        position=moved + path((0.0, 0.0, 0.0), planner.shifts, t),
+        velocity=velocity,
+        force=force,
+        torque=torque,
+        feed_forward=feed_forward,
+        press=path((0.0, 0.0, 0.0), planner.presses, t)[:, 2],
+        aims=force_profile(planner.aims, t),
+        width=width,
+        load_kg=person.load_kg * held.astype(np.float64),
+        turns=turns,
+        phases=tuple(planner.phases),
     )
 
 

@@ -308,24 +308,13 @@ def _details(episode: Episode) -> dict[str, Any]:
 def _write_texts(path: Path, name: str, texts: Texts) -> None:
     """Write texts in the form that pandas uses for the index of a table."""
     index = f"{name}_index"
+    types = ((index, "int64", "int64"), (name, "unicode", "object"))
     described = {
         "index_columns": [name],
         "column_indexes": [],
         "columns": [
-            {
-                "name": index,
-                "field_name": index,
-                "pandas_type": "int64",
-                "numpy_type": "int64",
-                "metadata": None,
-            },
-            {
-                "name": name,
-                "field_name": name,
-                "pandas_type": "unicode",
-                "numpy_type": "object",
-                "metadata": None,
-            },
+            {"name": one, "field_name": one, "pandas_type": pandas, "numpy_type": numpy, "metadata": None}
+            for one, pandas, numpy in types
         ],
         "pandas_version": "2.3.3",
     }

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -142,7 +142,19 @@ def confusion(truth: Iterable[Labelled], found: Sequence[Labelled]) -> Counter[t
     return seconds
 
 
-def overlap(one: Labelled, other: Labelled) -> float:
+class Interval(Protocol):
+    """An interval of time, from t0 to t1 [s]."""
+
+    @property
+    def t0(self) -> float:
+        """The begin [s] of the interval."""
+
+    @property
+    def t1(self) -> float:
+        """The end [s] of the interval."""
+
+
+def overlap(one: Interval, other: Interval) -> float:
     """Return the common seconds of two intervals, negative if they are apart."""
     return min(one.t1, other.t1) - max(one.t0, other.t0)
 

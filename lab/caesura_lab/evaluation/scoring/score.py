@@ -116,9 +116,8 @@ class Score:
     cut: tuple[int, int]  # true stretches with a false alarm, and all
     merged: tuple[int, int]  # found stretches with a miss, and all
     confusion: Counter[tuple[str, str]] = field(default_factory=Counter)  # (true, found) → s
-    confusion_inside: Counter[tuple[str, str]] = field(
-        default_factory=Counter
-    )  # further than tolerance inside
+    #: The same, further than the tolerance inside of true segments.
+    confusion_inside: Counter[tuple[str, str]] = field(default_factory=Counter)
     load_errors_kg: tuple[float, ...] = ()
     loads: int = 0
     force_errors_n: tuple[float, ...] = ()
@@ -318,7 +317,7 @@ def _stated_classes(
     """Return the probability of every part's class, with the seconds that were right of those scored."""
     stated = []
     for part in parts:
-        shared = [(s.kind == part.kind, overlap(s, Labelled(part.t0, part.t1, part.kind))) for s in spans]
+        shared = [(s.kind == part.kind, overlap(s, part)) for s in spans]
         of = sum(seconds for _, seconds in shared if seconds > 0.0)
         if part.probability is not None and of > ROUNDING_S:
             right = sum(seconds for is_right, seconds in shared if is_right and seconds > 0.0)
@@ -369,18 +368,14 @@ def _without(truth: Truth, holes: Sequence[tuple[float, float]]) -> list[Labelle
     return spans
 
 
-def _overlap_s(part: FoundSegment, one: MeasuredQuantity) -> float:
-    return overlap(Labelled(part.t0, part.t1, ""), Labelled(one.t0, one.t1, ""))
-
-
 def _load_errors(loads: Sequence[MeasuredQuantity], parts: Sequence[FoundSegment]) -> tuple[float, ...]:
     """Return the absolute error [kg] of each found load: mean over the carried parts, weighted by time."""
     errors = []
     for load in loads:
         weighed = [
-            (part.load_kg, _overlap_s(part, load))
+            (part.load_kg, overlap(part, load))
             for part in parts
-            if part.kind in CARRIED and part.load_kg is not None and _overlap_s(part, load) > 0.0
+            if part.kind in CARRIED and part.load_kg is not None and overlap(part, load) > 0.0
         ]
         if weighed:
             mean = sum(kg * s for kg, s in weighed) / sum(s for _, s in weighed)
@@ -395,7 +390,7 @@ def _force_errors(forces: Sequence[MeasuredQuantity], parts: Sequence[FoundSegme
         pressed = [
             part.force_n
             for part in parts
-            if part.kind in TOUCHING and part.force_n is not None and _overlap_s(part, force) > 0.0
+            if part.kind in TOUCHING and part.force_n is not None and overlap(part, force) > 0.0
         ]
         if pressed:
             errors.append(abs(max(pressed) - force.value))
@@ -409,8 +404,7 @@ def _screw_errors(screws: Sequence[ScrewStroke], parts: Sequence[FoundSegment]) 
     """
     errors = []
     for true in screws:
-        stroke = MeasuredQuantity(true.t0, true.t1, 0.0)
-        shared = [(_overlap_s(part, stroke), part.screw) for part in parts if part.screw is not None]
+        shared = [(overlap(part, true), part.screw) for part in parts if part.screw is not None]
         most, screw = max(shared, key=lambda one: one[0], default=(0.0, None))
         if screw is not None and most > 0.0:
             axis, pitch_m = screw

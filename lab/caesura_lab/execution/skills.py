@@ -14,13 +14,9 @@ from typing import TypeGuard
 
 import numpy as np
 
+from caesura_lab.execution.force_controller import ForceController, force_gain_per_s
 from caesura_lab.execution.safety_monitor import RobotStopped, SafetyMonitor
-from caesura_lab.execution.simulated_arm import (
-    PRESS_DAMPING_NS_PER_M,
-    ArmMeasurement,
-    Setpoint,
-    SimulatedArm,
-)
+from caesura_lab.execution.simulated_arm import ArmMeasurement, Setpoint, SimulatedArm
 from caesura_lab.execution.trajectories import app_path, approach_direction, arrival_speed
 from caesura_lab.teacher.hand_motion_plan import DT
 from caesura_lab.teacher.motion_profiles import Array
@@ -37,11 +33,6 @@ from caesura_service.constants import GRAVITY
 
 RISE_S, RELEASE_S = 0.15, 0.15  # longest time in which a force is built up; in which it is let go
 LEAVES_S = 0.15  # at the start of a movement between two contacts, in which it may still touch the first
-FORCE_GAIN_PER_S, FORCE_CORRECTION_N = 40.0, 8.0
-FORCE_GAIN_SHARE = 0.5  # of the damping of a press, up to which the gain times the mass goes
-SURFACE_DAMPING_NS_PER_M = 250.0  # of a stiff surface that is fully pressed
-DAMPED_N = 25.0  # force from which on a surface of 50 kN/m has it
-BOUNCING_M_PER_S = 0.003  # at the bottom it is no rest, whose force could be corrected, from that speed on
 SLIDE_M = 0.015  # a target of Apply Force this far aside is slid to
 SQUEEZE_M = 0.01  # by which fingers aim to close further than what they grip is wide
 SETTLE_S = 0.4  # the arm rests so long at most before the fingers move, and so long after it
@@ -51,12 +42,6 @@ WEIGHED = (0.4, 0.6)  # shares of a path with a load between which its force is 
 LOAD_ERROR_LIMIT_N = 3.5  # by which a load may be heavier or lighter than it was taught to be
 MEET_S, MEET_N = 0.15, 4.0  # in which a contact comes to rest before it is pressed, and what holds it
 NOTHING_TO_PRESS = "there is nothing to press on: no contact was made before"
-BOTTOM_M_PER_S = 0.012  # with which the bottom of what is pushed in is met: it may be hard
-SINKING_PER_S = 6.0  # for each metre that is left to the bottom it may sink so many metres a second faster
-SUNK_M = 0.002  # above the bottom
-RESISTS_SHARE = 0.85  # of a force, from which on what sinks is pressed and not only pushed aside
-URGING_NS_PER_M = 300.0  # by which it is sped up, as long as it resists with less than the force
-SINKING_NS_PER_M = 2000.0  # damping of a press that sinks faster than that
 CREEP_M_PER_S = 0.005  # mean speed up to which what is moved in a rest is no movement
 MOST_CREEP_M_PER_S = 0.01  # of a hand in a rest
 
@@ -235,50 +220,37 @@ class SkillController:
         aside = np.zeros(3) if aside is None else aside
         rise = min(RISE_S, 0.4 * seconds)
         along, in_tool = self.contact_direction, self.setpoint.rotation.T @ self.contact_direction
-        began_n, sunk = self._pressed_n, 0.0
-        still = self.setpoint.still
-        torque_stop = TorqueStop(screw)
-        damping = PRESS_DAMPING_NS_PER_M + SURFACE_DAMPING_NS_PER_M * min(force_n / DAMPED_N, 1.0)
-        gain_per_s = min(FORCE_GAIN_PER_S, FORCE_GAIN_SHARE * damping / self.arm.mass_along(along))
-        ticks, k, waited, slowest = round(seconds / DT), 0, 0, 0.0
+        gain_per_s = force_gain_per_s(force_n, self.arm.mass_along(along))
+        controller = ForceController(gain_per_s, self._correction_n, depth_m)
+        began_n, still, torque_stop = self._pressed_n, self.setpoint.still, TorqueStop(screw)
+        ticks, k, waited = round(seconds / DT), 0, 0
         while k - waited < ticks:
             k += 1
-            left_m = max((depth_m or 0.0) - sunk, 0.0)
-            sinks = depth_m is not None and left_m > SUNK_M
-            waited += 2 * k > ticks > 2 * waited and sinks
+            waited += 2 * k > ticks > 2 * waited and controller.sinks
             share = min(k * DT / rise, 1.0)
-            want = began_n + share * (force_n - began_n)
+            want_n = began_n + share * (force_n - began_n)
             setpoint = still if path is None else self._setpoint_at(path, k * DT)
             along = setpoint.rotation.dot(in_tool)
-            speed, resists = (float(along.dot(v)) for v in (self.measured.twist[:3], -self.felt))
-            fast = 0.0 if depth_m is None else speed - (BOTTOM_M_PER_S + SINKING_PER_S * left_m)
-            slowed_n = min(SINKING_NS_PER_M * max(fast, 0.0), want + self._correction_n)
-            spared = max(1.0 - resists / want, 0.0) if sinks and want > 0.0 else 0.0
-            urged_n = URGING_NS_PER_M * max(-fast, 0.0) * spared
-            push = along * (want + self._correction_n - slowed_n + urged_n) + share * aside
+            speed, resists_n = (float(along.dot(v)) for v in (self.measured.twist[:3], -self.felt))
+            push = along * controller.push_n(want_n, speed, resists_n) + share * aside
             measured = self.tick(replace(setpoint, push=push, along=along))
             if torque_stop.reached(measured):
                 break
-            self._pressed_n = want
-            bounces = depth_m is not None and not sinks and abs(speed) > BOUNCING_M_PER_S
-            wrong, before = want - resists, slowest
-            slowest = max(speed, 0.0)
-            if slowed_n or bounces:
-                # What was added against the damping of its motion goes with that motion.
-                wrong, slowest = 0.0, min(before, slowest)
-                self._correction_n -= PRESS_DAMPING_NS_PER_M * (before - slowest)
-            if sinks and resists < RESISTS_SHARE * want:
-                wrong = -self._correction_n  # what was added to press on something else
-            corrected = self._correction_n + gain_per_s * DT * wrong
-            self._correction_n = min(max(corrected, -FORCE_CORRECTION_N), FORCE_CORRECTION_N)
-            sunk += DT * float(along.dot(measured.twist[:3]))
-            beyond_m = sunk - max(depth_m or 0.0, 0.0)
-            if depth_m is None:
-                beyond_m = float(along.dot(measured.position - setpoint.position))
-            if beyond_m > self.safety.search_m:
-                raise RobotStopped(f"nothing to press on within {1000 * self.safety.search_m:.0f} mm")
+            controller.correct(want_n, speed, resists_n, DT)
+            self._pressed_n, self._correction_n = want_n, controller.correction_n
+            controller.sunk_m += DT * float(along.dot(measured.twist[:3]))
+            self._check_depth(controller, along)
         deep = along * (along @ (self.measured.position - self.setpoint.position))
         self.contact_direction, self.setpoint.position = along, self.setpoint.position + deep
+
+    def _check_depth(self, controller: ForceController, along: Array) -> None:
+        """Check that there still is something to press on. Raises RobotStopped."""
+        if controller.depth_m is None:
+            beyond_m = float(along.dot(self.measured.position - self.setpoint.position))
+        else:
+            beyond_m = controller.sunk_m - max(controller.depth_m, 0.0)
+        if beyond_m > self.safety.search_m:
+            raise RobotStopped(f"nothing to press on within {1000 * self.safety.search_m:.0f} mm")
 
     def release_contact(self) -> None:
         """Reduce the contact force to zero, and hold the reached position."""

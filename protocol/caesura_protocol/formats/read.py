@@ -148,18 +148,23 @@ def load_recording(
         description=description,
         **options,  # type: ignore[arg-type]
     )
-    if check_units:
-        check_time_steps(recording)
-    if check_units and (found := recording.implausible) is not None:
-        raise RecordingError(f"{path.name}: {found}. {unit_remedy(found, recording.length_unit)}")
-    check_values(recording)
-    if check_units:
-        check_clock(recording)
+    _check_samples(recording, check_units=check_units)
     slow = slow_pose(recording.t, recording.signals)
     of_places = filter(None, (slow, stray_places(recording), leaping_places(recording)))
     cautions = (*overridden, *recording.beyond_samples, *left_out(recording), *of_places)
     recording = replace(recording, cautions=cautions)
     return recording if as_stated else _with_usable_wrench(recording)
+
+
+def _check_samples(recording: Recording, *, check_units: bool) -> None:
+    """Check times, units and values. Raises RecordingError."""
+    if check_units:
+        check_time_steps(recording)
+        if (found := recording.implausible) is not None:
+            raise RecordingError(f"{recording.name}: {found}. {unit_remedy(found, recording.length_unit)}")
+    check_values(recording)
+    if check_units:
+        check_clock(recording)
 
 
 def _assumed_of(signals: Mapping[str, Array], *, assumes_frame: bool) -> Iterator[str]:

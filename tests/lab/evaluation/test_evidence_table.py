@@ -153,7 +153,7 @@ def test_text_fits_a_terminal(monkeypatch: pytest.MonkeyPatch, button: LibraryEv
 def test_what_cannot_be_compared_is_one_line(tmp_path: Path):
     result = run("--suite", "thesis")
     assert result.exit_code == 1
-    known = "teacher, skills, hand, estimates, movements, real, sensors, tempo, windows, starts"
+    known = "teacher, skills, hand, estimates, movements, tasks, real, sensors, tempo, windows, starts"
     assert f"known: {known}" in result.stderr
     (tmp_path / "none.npz").write_bytes(b"")
     assert run(tmp_path / "none.npz").exit_code == 1

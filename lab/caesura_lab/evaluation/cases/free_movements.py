@@ -16,9 +16,7 @@ by chance: near its limits, 45° and 0.6, they are optional.
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import butter, lfilter, sosfiltfilt
 
+from caesura_lab.evaluation.cases.seeded_case import SeededCase
 from caesura_lab.ground_truth import TrueChangepoint, TrueSegment, Truth
 from caesura_lab.teacher.motion_profiles import minimum_jerk
 from caesura_lab.teacher.speed_dip_truth import angle_deg
@@ -58,43 +57,19 @@ class _Movement(NamedTuple):
     ends_s: float = 0.0
 
 
-@dataclass(frozen=True)
-class FreeMovements:
-    """A demonstration of a few movements of one kind; kind: of `MOVEMENTS`."""
-
-    kind: str
-    seed: int
-
-    @property
-    def name(self) -> str:
-        """A name from which the demonstration can be simulated again."""
-        return f"{self.kind}-{self.seed}"
-
-    @property
-    def tags(self) -> tuple[str, ...]:
-        """The kind of movement."""
-        return (self.kind,)
-
-    @property
-    def group(self) -> str:
-        """Return the kind of movement."""
-        return self.kind
-
-    @property
-    def subject(self) -> str:
-        """Return the demonstration: no two have a person in common."""
-        return self.name
+class FreeMovements(SeededCase):
+    """A demonstration of a few movements of one kind of `MOVEMENTS`."""
 
     def load(self) -> tuple[Recording, Truth]:
         """Simulate the recording and its truth."""
-        rng = np.random.default_rng([self.seed, zlib.crc32(self.kind.encode())])
+        rng = self.rng
         movement, few, many = MOVEMENTS[self.kind]
         path, points, spans = [np.zeros((1, 3))], list[TrueChangepoint](), list[TrueSegment]()
         for _ in range(rng.integers(few, many + 1)):
             _append_rest(path, spans, rng.uniform(0.5, 2.0))
             _append_movement(path, points, spans, movement(rng))
         _append_rest(path, spans, 1.0)
-        position = _unsteady(np.concatenate(path), rng)
+        position = unsteady(np.concatenate(path), rng)
         points += _corners_by_chance(position, points)
         t: Array = STEP_S * np.arange(len(position), dtype=np.float64)
         recording = Recording(t, {"pos": position}, "none", name=self.name, hand_on_robot="yes")
@@ -147,24 +122,24 @@ def _dip(speed: Array, i: int) -> float:
     return float(speed[i] / max(min(before.max(), after.max()), SLOWEST_M_PER_S))
 
 
-def _unsteady(path: Array, rng: np.random.Generator) -> Array:
+def unsteady(path: Array, rng: np.random.Generator) -> Array:
     """Return a path as a hand makes it, and a sensor measures it: (n, 3) [m]."""
     effort = UNSTEADY_M * np.minimum(_speed(path) / 0.1, 1.5) ** 0.7
-    error = effort[:, None] * np.column_stack([_wander(len(path), 2.0, rng) for _ in range(3)])
-    sway = SWAY_M * np.column_stack([_wander(len(path), 0.5, rng) for _ in range(3)])
+    error = effort[:, None] * np.column_stack([wander(len(path), 2.0, rng) for _ in range(3)])
+    sway = SWAY_M * np.column_stack([wander(len(path), 0.5, rng) for _ in range(3)])
     smooth: Array = gaussian_filter1d(error, 0.05 * RATE_HZ, axis=0)
     return path + smooth + sway + NOISE_M * rng.normal(size=path.shape)
 
 
-def _wander(n: int, cut_hz: float, rng: np.random.Generator) -> Array:
+def wander(n: int, cut_hz: float, rng: np.random.Generator) -> Array:
     """Return (n,) values of a second-order low-pass process with a deviation of 1."""
     pole = np.exp(-2.0 * np.pi * cut_hz * STEP_S)
     settled = 4 * RATE_HZ
     values = rng.normal(size=n + settled)
     for _ in range(2):
         values = lfilter([1.0 - pole], [1.0, -pole], values)
-    wander: Array = values[settled:] / values[settled:].std()
-    return wander
+    unit: Array = values[settled:] / values[settled:].std()
+    return unit
 
 
 def _corners_by_chance(position: Array, points: list[TrueChangepoint]) -> list[TrueChangepoint]:
@@ -196,7 +171,7 @@ def _direction(rng: np.random.Generator) -> Array:
     return direction / np.linalg.norm(direction)
 
 
-def _overlapping(strokes: Array, seconds: Array, begun: Array) -> Array:
+def overlapping(strokes: Array, seconds: Array, begun: Array) -> Array:
     """Return the sum of strokes (k, 3) [m] with these durations and starts (k,) [s]."""
     t = np.arange(0.0, (begun + seconds).max(), STEP_S)
     shares = minimum_jerk(np.clip((t[:, None] - begun) / seconds, 0.0, 1.0))
@@ -204,7 +179,7 @@ def _overlapping(strokes: Array, seconds: Array, begun: Array) -> Array:
     return path
 
 
-def _seen(seconds: float) -> float:
+def seen_s(seconds: float) -> float:
     """Return the time [s] from the end of a minimum jerk stroke to where it can be seen."""
     return 0.06 * seconds
 
@@ -212,8 +187,8 @@ def _seen(seconds: float) -> float:
 def _stroke(rng: np.random.Generator) -> _Movement:
     size = np.exp(rng.uniform(np.log(0.03), np.log(0.4)))
     seconds = float(np.clip(0.5 + 0.9 * np.sqrt(size / 0.2) * rng.uniform(0.7, 1.5), 0.5, 3.5))
-    path = _overlapping(size * _direction(rng)[None], np.array([seconds]), np.zeros(1))
-    return _Movement(path, (), _seen(seconds), _seen(seconds))
+    path = overlapping(size * _direction(rng)[None], np.array([seconds]), np.zeros(1))
+    return _Movement(path, (), seen_s(seconds), seen_s(seconds))
 
 
 def _corners(rng: np.random.Generator) -> _Movement:
@@ -225,21 +200,21 @@ def _corners(rng: np.random.Generator) -> _Movement:
     count = len(directions)
     seconds, overlaps = rng.uniform(0.7, 1.6, count), rng.uniform(0.1, 0.3, count - 1)
     begun = np.concatenate([[0.0], np.cumsum(seconds[:-1] * (1.0 - overlaps))])
-    path = _overlapping(rng.uniform(0.06, 0.25, count)[:, None] * directions, seconds, begun)
+    path = overlapping(rng.uniform(0.06, 0.25, count)[:, None] * directions, seconds, begun)
     speed = _speed(path)
     corners = []
     for start, end in zip(begun[1:], (begun + seconds)[:-1], strict=True):
         first, last = (round(t * RATE_HZ) for t in (start - 0.1, end + 0.1))
         corners.append(STEP_S * (first + int(speed[first:last].argmin())))
-    return _Movement(path, tuple(corners), _seen(seconds[0]), _seen(seconds[-1]))
+    return _Movement(path, tuple(corners), seen_s(seconds[0]), seen_s(seconds[-1]))
 
 
 def _hesitation(rng: np.random.Generator) -> _Movement:
     count = rng.integers(2, 4)
     seconds = rng.uniform(0.7, 1.4, count)
     begun = np.concatenate([[0.0], np.cumsum(seconds[:-1] * rng.uniform(0.6, 0.8, count - 1))])
-    path = _overlapping(rng.uniform(0.08, 0.2, count)[:, None] * _direction(rng), seconds, begun)
-    return _Movement(path, (), _seen(seconds[0]), _seen(seconds[-1]))
+    path = overlapping(rng.uniform(0.08, 0.2, count)[:, None] * _direction(rng), seconds, begun)
+    return _Movement(path, (), seen_s(seconds[0]), seen_s(seconds[-1]))
 
 
 def _zigzag(rng: np.random.Generator) -> _Movement:
@@ -250,8 +225,8 @@ def _zigzag(rng: np.random.Generator) -> _Movement:
     sizes = rng.uniform(0.02, 0.06) * rng.uniform(0.85, 1.15, count)
     strokes = sizes[:, None] * ((-1.0) ** np.arange(count)[:, None] * aside + 0.2 * ahead)
     ends = np.cumsum(seconds)
-    path = _overlapping(strokes, seconds, ends - seconds)
-    return _Movement(path, tuple(ends[:-1]), _seen(seconds[0]), _seen(seconds[-1]))
+    path = overlapping(strokes, seconds, ends - seconds)
+    return _Movement(path, tuple(ends[:-1]), seen_s(seconds[0]), seen_s(seconds[-1]))
 
 
 def _curve(rng: np.random.Generator) -> _Movement:
@@ -279,9 +254,9 @@ def _curve(rng: np.random.Generator) -> _Movement:
 def _tracing(rng: np.random.Generator) -> _Movement:
     seconds = rng.uniform(2.0, 6.0)
     t = np.arange(0.0, seconds, STEP_S)
-    speed = rng.uniform(0.008, 0.025) * np.exp(0.45 * _wander(len(t), 1.5, rng))
+    speed = rng.uniform(0.008, 0.025) * np.exp(0.45 * wander(len(t), 1.5, rng))
     speed *= np.clip(np.minimum(t, seconds - t) / 0.25, 0.0, 1.0)
-    heading = rng.uniform(0.0, 2.0 * np.pi) + np.cumsum(1.5 * _wander(len(t), 0.15, rng)) * STEP_S
+    heading = rng.uniform(0.0, 2.0 * np.pi) + np.cumsum(1.5 * wander(len(t), 0.15, rng)) * STEP_S
     steps = STEP_S * speed[:, None] * np.column_stack([np.cos(heading), np.sin(heading), np.zeros(len(t))])
     return _Movement(np.cumsum(steps, axis=0), (), 0.05, 0.05)
 

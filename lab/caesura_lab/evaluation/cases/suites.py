@@ -15,6 +15,7 @@ from zlib import crc32
 import numpy as np
 
 from caesura_lab.evaluation.cases.annotated_declarations import with_annotated_declarations
+from caesura_lab.evaluation.cases.contact_tasks import TASKS, ContactTask
 from caesura_lab.evaluation.cases.cut_recordings import WINDOWS, in_window
 from caesura_lab.evaluation.cases.estimated_wrenches import FRICTIONS, as_estimate
 from caesura_lab.evaluation.cases.free_movements import MOVEMENTS, FreeMovements
@@ -308,6 +309,11 @@ class SuiteOptions:
     annotations: Path = OPEN
     robot: str | None = None
 
+    @property
+    def people(self) -> range:
+        """The seeds."""
+        return range(self.first_seed, self.first_seed + self.seeds)
+
 
 def suite(name: str, extent: SuiteOptions) -> list[Case]:
     """Return the cases of a suite. Raises TruthError for an unknown or empty one."""
@@ -336,8 +342,12 @@ def hand(extent: SuiteOptions) -> list[Case]:
 
 def movements(extent: SuiteOptions) -> list[Case]:
     """Return `seeds` demonstrations of every kind of free movement, by published laws and without a robot."""
-    seeds = range(extent.first_seed, extent.first_seed + extent.seeds)
-    return [FreeMovements(kind, seed) for kind in MOVEMENTS for seed in seeds]
+    return [FreeMovements(kind, seed) for kind in MOVEMENTS for seed in extent.people]
+
+
+def tasks(extent: SuiteOptions) -> list[Case]:
+    """Return `seeds` demonstrations of every task in contact, by published laws and without a robot."""
+    return [ContactTask(kind, seed) for kind in TASKS for seed in extent.people]
 
 
 def estimates(extent: SuiteOptions) -> list[Case]:
@@ -346,11 +356,10 @@ def estimates(extent: SuiteOptions) -> list[Case]:
 
 
 def _taught(scenarios: Iterable[str], extent: SuiteOptions, *, hand: bool = False) -> list[Case]:
-    people = range(extent.first_seed, extent.first_seed + extent.seeds)
     return [
         SimulatedDemonstration(scenario, seed, PROFILES[(i + seed) % len(PROFILES)], extent.robot, hand)
         for i, scenario in enumerate(scenarios)
-        for seed in people
+        for seed in extent.people
     ]
 
 
@@ -446,13 +455,14 @@ def _recordings(annotated: Path) -> list[Path]:
 
 
 TAUGHT = ("teacher", "skills", "hand", "estimates")  # suites in which a robot is simulated
-SIMULATED = (*TAUGHT, "movements")  # suites that need no recordings
+SIMULATED = (*TAUGHT, "movements", "tasks")  # suites that need no recordings
 SUITES: Mapping[str, Callable[[SuiteOptions], list[Case]]] = {
     "teacher": teacher,
     "skills": skills,
     "hand": hand,
     "estimates": estimates,
     "movements": movements,
+    "tasks": tasks,
     "real": real,
     "sensors": partial(_under_each, PoorerCase, CONDITIONS),
     "tempo": partial(_under_each, OtherTempoCase, TEMPI),

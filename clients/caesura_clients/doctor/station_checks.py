@@ -104,18 +104,16 @@ def _station(probed: ProbeResult, name: str) -> StationProbe:
     full = {
         one.status.instance for one in probed.reported if one.status.journal and one.status.journal.trouble
     }
-    unwritable = min(owner, default=None) if owner <= full else None
-    parallel = [session for session in probed.parallel.at(name) if session in opened]
     return StationProbe(
         name,
-        name in probed.bridges,
-        current,
-        batches,
-        probed.listened_s,
-        opened,
-        parallel,
-        probed.standby.get(name),
-        unwritable,
+        connected=name in probed.bridges,
+        statuses=current,
+        batches=batches,
+        listened_s=probed.listened_s,
+        open_sessions=opened,
+        parallel=[session for session in probed.parallel.at(name) if session in opened],
+        standby=probed.standby.get(name),
+        unwritable=min(owner, default=None) if owner <= full else None,
     )
 
 

@@ -60,16 +60,13 @@ class PresetMethod:
             if not timed_estimates or timed_estimates[-1][1:] != estimate[1:]:
                 timed_estimates.append(estimate)
         assert view is not None, "views yields at least what is known at the end"
-        times = tuple(changepoint.t for changepoint in view.changepoints)
-        stated = {changepoint.t: changepoint.probability for changepoint in view.changepoints}
-        phases = tuple(phase.t0 for phase in view.phases[1:])
         return FoundSegmentation(
-            times,
-            tuple(map(_found_segment, view.segments)),
-            tuple(timed_estimates),
-            _intervals(view),
-            stated,
-            phases,
+            changepoints=tuple(changepoint.t for changepoint in view.changepoints),
+            parts=tuple(map(_found_segment, view.segments)),
+            timed_estimates=tuple(timed_estimates),
+            intervals=_intervals(view),
+            probabilities={changepoint.t: changepoint.probability for changepoint in view.changepoints},
+            phases=tuple(phase.t0 for phase in view.phases[1:]),
         )
 
 

@@ -208,13 +208,17 @@ class MemoryJournal:
 
     def _copy(self, key: Key, records: list[Record]) -> Copy:
         numbers = [record.message.seq for record in records if isinstance(record.message, SampleBatch)]
-        opened, touched = records[0].at, records[-1].at
-        closed, size = _is_closed(records), self._sizes[key]
-        edits = sum(isinstance(record.message, AppliedEdit) for record in records)
-        described = sum(isinstance(record.message, Describe | EditProgram) for record in records)
-        owner_epoch = self._takeovers.get(key[0], -1)
-        last_seq = max(numbers, default=-1)
-        return Copy(*key, opened, touched, closed, last_seq, size, edits, described, owner_epoch)
+        return Copy(
+            *key,
+            opened=records[0].at,
+            touched=records[-1].at,
+            closed=_is_closed(records),
+            last_seq=max(numbers, default=-1),
+            size=self._sizes[key],
+            edits=sum(isinstance(record.message, AppliedEdit) for record in records),
+            described=sum(isinstance(record.message, Describe | EditProgram) for record in records),
+            owner_epoch=self._takeovers.get(key[0], -1),
+        )
 
 
 def _is_closed(records: list[Record]) -> bool:

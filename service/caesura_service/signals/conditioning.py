@@ -338,15 +338,20 @@ class Conditioner:
         filtered: list[FilteredRow] = []
         for i in range(half + -(first + half) % every, len(recent) - half, every):
             row, slope, speed = self._fit(recent, i)
-            velocity, turn = slope[self._columns.position], self._columns.orientation
-            t = self._resampler.time_of(anchor, first + i)
-            after_gap = state.after_gap and not filtered
-            speeds = self._speeds(recent, max(i + 1 - every, half), i)
-            between = recent[i + 1 - every : i, self._pose] if i >= every else None
-            number, measured_n = state.rows + len(filtered), self._measured(recent[i])
-            turning = None if turn is None else slope[turn]
+            turn = self._columns.orientation
             filtered.append(
-                FilteredRow(number, t, row, velocity, speed, speeds, after_gap, measured_n, turning, between)
+                FilteredRow(
+                    number=state.rows + len(filtered),
+                    t=self._resampler.time_of(anchor, first + i),
+                    row=row,
+                    velocity=slope[self._columns.position],
+                    speed=speed,
+                    speeds=self._speeds(recent, max(i + 1 - every, half), i),
+                    after_gap=state.after_gap and not filtered,
+                    measured_n=self._measured(recent[i]),
+                    turning=None if turn is None else slope[turn],
+                    between=recent[i + 1 - every : i, self._pose] if i >= every else None,
+                )
             )
         return filtered
 

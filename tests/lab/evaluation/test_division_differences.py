@@ -55,6 +55,16 @@ def test_a_carry_that_only_one_program_divides_is_the_same_where_the_motion_is(
         assert compare_programs(CASE, *pair).why is not None
 
 
+def test_a_movement_that_returns_to_a_place_pairs_the_divisions_that_rest_alike() -> None:
+    """A circle began and ended within 1 cm: its start was taken for the rest at its end."""
+    there, home = (0.57, 0.02, 0.28), (0.53, -0.08, 0.34)
+    circle, whole = (app("cartesian_motion", t0, 3.3, there) for t0 in (1.2, 0.6))
+    to, back = app("cartesian_motion", 0.6, 1.2, there), app("cartesian_motion", 4.7, 5.2, home)
+    parted, joined = movements_of((to, circle, back))[0], movements_of((whole, back))[0]
+    for pair in ((parted, joined), (joined, parted)):
+        assert [only.division.rest_s for only in differences(*pair, 0.01)] == [0.0]
+
+
 @pytest.mark.parametrize(
     ("again", "why"),
     [

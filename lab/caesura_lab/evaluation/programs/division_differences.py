@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise, zip_longest
 from typing import NamedTuple
 
@@ -92,20 +93,32 @@ def _goes_on(app: App, following: App) -> bool:
 
 
 def differences(taught: WholeMovement, executed: WholeMovement, most_m: float) -> list[Difference]:
-    """Return the divisions that only one of two movements states.
+    """Return the divisions that only one of two movements states, in pairs that keep their order in time.
 
-    Two are the same if they lie within `most_m` of each other, and both or neither are holds.
+    Two are the same if they lie within `most_m` of each other, and both or neither are holds. A movement may
+    return to a place: as few as possible are left without a pair, and of these the ones with the least rest.
     """
-    left, only = list(executed.divisions), []
-    for one in taught.divisions:
-        same = [
-            other for other in left if one.held == other.held and math.dist(one.place, other.place) <= most_m
+    mine, others = list(taught.divisions), list(executed.divisions)
+
+    @cache
+    def left(i: int, j: int) -> tuple[Difference, ...]:
+        """Return what is left of the divisions from the i-th taught and the j-th executed one on."""
+        if i == len(mine) or j == len(others):
+            rest = [Difference(one, is_taught=True) for one in mine[i:]]
+            return (*rest, *(Difference(other, is_taught=False) for other in others[j:]))
+        choices = [
+            (Difference(mine[i], is_taught=True), *left(i + 1, j)),
+            (Difference(others[j], is_taught=False), *left(i, j + 1)),
         ]
-        if same:
-            left.remove(same[0])
-        else:
-            only.append(Difference(one, is_taught=True))
-    return only + [Difference(other, is_taught=False) for other in left]
+        if _are_same(mine[i], others[j], most_m):
+            choices.insert(0, left(i + 1, j + 1))
+        return min(choices, key=lambda only: (len(only), sum(one.division.rest_s for one in only)))
+
+    return sorted(left(0, 0), key=lambda only: not only.is_taught)
+
+
+def _are_same(one: Division, other: Division, most_m: float) -> bool:
+    return one.held == other.held and math.dist(one.place, other.place) <= most_m
 
 
 @dataclass(frozen=True)

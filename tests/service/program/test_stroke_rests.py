@@ -225,6 +225,37 @@ def test_a_skid_at_the_end_of_a_landing_is_part_of_the_rest_in_which_it_ends(
     assert [app.segments for app in made] == parts
 
 
+@pytest.mark.parametrize(
+    ("landed_m_per_s", "parts"),
+    [
+        pytest.param(0.06, [(0,), (1, 2, 3)], id="it brakes"),
+        pytest.param(0.01, [(0,), (1, 2), (3,)], id="it speeds up"),
+    ],
+)
+def test_a_hand_that_only_brakes_as_it_lands_skids_however_long_that_takes(
+    landed_m_per_s: float, parts: list[tuple[int, ...]]
+) -> None:
+    """A hand that came down at 60 mm/s skidded 14 mm in 0.7 s: that was a press of its own in the program."""
+    skid = {"position_start": (0.0, 0.0, 0.2), "position_end": (0.014, 0.0, 0.2)}
+    still = {"position_start": (0.014, 0.0, 0.2), "position_end": (0.014, 0.0, 0.2)}
+
+    def at(t: float) -> Moment:
+        push_n = 0.0 if t < 2.0 else 6.0 if t < 2.7 else 11.0 if t < 3.8 else 16.0
+        slid_m = 0.02 * min(max(t - 2.0, 0.0), 0.7)
+        return replace(
+            drifted(t, pushed_n=push_n), position=(slid_m, 0.0, 0.2 + landed_m_per_s * max(2.0 - t, 0.0))
+        )
+
+    made = program(
+        segment("motion", 0.0, 2.0, position_end=(0.0, 0.0, 0.2)),
+        segment("sliding", 2.0, 2.7, **held(6.0), **skid),
+        segment("contact", 2.7, 3.8, **held(11.0), **still),
+        segment("sliding", 3.8, 5.0, **held(16.0), **ACROSS),
+        at=at,
+    )
+    assert [app.segments for app in made] == parts
+
+
 def test_a_skid_that_leads_into_a_stroke_without_a_rest_keeps_its_way() -> None:
     """It was a rest of the stroke, and 18 mm of its way were lost."""
     skid = {"position_start": (0.0, 0.0, 0.21), "position_end": (0.018, 0.0, 0.2)}

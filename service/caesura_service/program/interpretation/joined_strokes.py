@@ -36,6 +36,7 @@ from caesura_service.program.forces.stroke_forces import (
 )
 from caesura_service.program.interpretation.touches import pushes_back
 from caesura_service.program.program_segment import (
+    ENDS,
     OBSERVED_S,
     PUSHES_BACK_N,
     ROUNDED_S,
@@ -262,7 +263,8 @@ def _rests(step: ProgramSegment, context: Context) -> bool:
 def _skids(step: ProgramSegment, context: Context) -> bool:
     """Whether a step is the end of a landing: a short slide from a touch on, in which the force still rises.
 
-    As an end of a stroke it is shorter than `DECAY_REACH_M`, and pushes nothing in.
+    Or the hand only brakes in it, however long that takes. As an end of a stroke it is shorter than
+    `DECAY_REACH_M`, and pushes nothing in.
     """
     segment = step.segment
     if segment.corrected or segment.kind != "sliding" or context.fingers_move(segment.t0, segment.tn):
@@ -270,7 +272,19 @@ def _skids(step: ProgramSegment, context: Context) -> bool:
     if step.moved_m >= DECAY_REACH_M or step.pushed_in >= INSERTED_M:
         return False
     lands = not pushes_back(step, context.moment_at)(segment.t0 - TOUCHED_S)
-    return lands and _presses_briefly(step, context.moment_at)
+    return lands and (_presses_briefly(step, context.moment_at) or _only_brakes(step, context.moment_at))
+
+
+def _only_brakes(step: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Whether a step is never faster than the way into it, up to `ENDS` observations before it.
+
+    A stroke that is meant speeds up from its touch on.
+    """
+    times = observed(step.segment.t0, step.segment.tn)
+    before = [times[0] - OBSERVED_S * k for k in range(ENDS - 1, 0, -1)]
+    places = [moment_at(t).position for t in (*before, *times)]
+    ways = [math.dist(*pair) for pair in pairwise(places)]
+    return max(ways[ENDS - 1 :], default=0.0) <= max(ways[: ENDS - 1])
 
 
 def _belong(rests: Sequence[ProgramSegment], stroke: ProgramSegment, moment_at: MomentAt) -> bool:

@@ -122,7 +122,7 @@ def optimal(
                 notes.append(f"{name_of_app(index, app)} is not re-timed: {error}.")
         still = app.orientation or still
     noted = program.model_copy(update={"notes": (*program.notes, *notes)})
-    return retimed(noted, steps, "optimal", lambda index, _: _crept_s(program.apps, index), keeps_pause)
+    return retimed(noted, steps, "optimal", lambda index, _: _crept_s(program, index), keeps_pause)
 
 
 def _is_at_contact(app: ProgramStep, before: App | None, following: App | None) -> bool:
@@ -132,18 +132,20 @@ def _is_at_contact(app: ProgramStep, before: App | None, following: App | None) 
     return (meets or leaves) and app.path is not None and app.path.length_m <= STANDOFF_M
 
 
-def _crept_s(apps: tuple[ProgramStep, ...], index: int) -> float:
+def _crept_s(program: ProgramFile, index: int) -> float:
     """Return the time [s] in which the executor creeps to the begin of an app's path; 0 within `CREPT_M`.
 
     At most the taught pause. Also 0 where it does not creep: without a path, before an app that keeps the
-    contact, in too short a pause.
+    contact, in too short a pause. In a contact it slides, at most at the speed of a contact.
     """
-    app, before = apps[index], apps[index - 1]
+    app, before = program.apps[index], program.apps[index - 1]
     if app.path is None or before.target is None or not APP_KINDS[app.kind].has_target:
         return 0.0
     crept_m, pause_s = math.dist(app.path.start.position, before.target), app.t0 - before.tn
     seconds = math.ceil(TICKS_PER_S * crept_m / CREEP_M_PER_S) / TICKS_PER_S + 1.0 / TICKS_PER_S
-    creeps = CREPT_M < crept_m <= MOST_CREEP_M_PER_S * pause_s
+    stands = APP_KINDS[before.kind].in_contact and before.force_taught is not None
+    most_m_per_s = program.safety.contact_speed_m_per_s if stands else MOST_CREEP_M_PER_S
+    creeps = CREPT_M < crept_m <= most_m_per_s * pause_s
     return min(seconds, pause_s) if creeps else 0.0
 
 

@@ -209,6 +209,25 @@ def test_a_contact_that_pushes_back_from_its_start_has_no_approach(pushed_s: flo
     assert all(path.tn > path.start.t for path in paths)
 
 
+@pytest.mark.parametrize(("slid_m", "ends_m"), [(0.012, 0.0), (0.03, 0.03)], ids=["it bounces", "it knocks"])
+def test_a_way_to_a_contact_ends_where_the_tool_first_touches(slid_m: float, ends_m: float) -> None:
+    """A peg touched, bounced 12 mm on, and was pressed: its robot stopped where it touched, 11 mm before."""
+
+    def at(t: float) -> Moment:
+        pushed_n = 8.0 if t >= 2.0 or 1.6 < t < 1.7 else 0.0
+        way = (slid_m * min(max((t - 1.65) / 0.35, 0.0), 1.0), 0.0, 0.1 * max(1.65 - t, 0.0))
+        return replace(drifted(t, pushed_n=pushed_n), position=way)
+
+    there = {"position_start": (slid_m, 0.0, 0.0), "position_end": (slid_m, 0.0, 0.0)}
+    made = program(
+        segment("motion", 0.0, 2.0, position_end=(slid_m, 0.0, 0.0)),
+        segment("contact", 2.0, 4.0, **held(8.0), **there),
+        at=at,
+    )
+    assert made[0].kind == "move_to_contact"
+    assert made[0].target == pytest.approx((ends_m, 0.0, 0.0), abs=1e-6)
+
+
 def test_a_touch_after_the_last_look_at_an_approach_is_at_its_end() -> None:
     """A hit of one observation lay between two looks: the way to it had no length, and was refused."""
     high, low, far = (0.0, 0.0, 0.2), (0.0, 0.0, 0.14), (0.1, 0.0, 0.14)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import takewhile
@@ -13,7 +14,7 @@ from caesura_protocol.messages import App, Contact, Segment, Vector
 from caesura_protocol.screw_torque_and_text import exerted
 from caesura_service.program.apps.paths import Paths
 from caesura_service.program.forces.stroke_forces import has_own_force
-from caesura_service.program.interpretation.joined_strokes import only_touches, stands
+from caesura_service.program.interpretation.joined_strokes import DECAY_REACH_M, only_touches, stands
 from caesura_service.program.interpretation.touches import pushes_back
 from caesura_service.program.program_segment import (
     GRIP_SLACK_S,
@@ -132,14 +133,20 @@ class AppGroup:
     def touched(self, contact: ProgramSegment, approach: Segment | None = None) -> AppEnd:
         """Return the first time and pose at which a contact pushes back.
 
-        That may be before the contact, at the end of `approach`. If none pushes back, it is the first
-        observation, or the end of a contact that begins with its approach: its touch lies after the last one.
+        That may be before the contact, at the end of `approach`: on its last `DECAY_REACH_M` the tool may
+        bounce, and a robot stops where it first touches. If none pushes back, it is the first observation, or
+        the end of a contact that begins with its approach: its touch lies after the last one.
         """
         pushes = pushes_back(contact.parts[0], self.moment_at)
         first = contact.segment.tn if contact.arrives else observed(contact.t0, contact.tn)[0]
         begin = contact.t0 if approach is None else approach.tn
         before = [] if approach is None else observed(approach.t0, approach.tn)
-        early = list(takewhile(pushes, reversed(before)))
+        place = self.moment_at(begin).position
+        nearest = takewhile(
+            lambda t: pushes(t) or math.dist(self.moment_at(t).position, place) < DECAY_REACH_M,
+            reversed(before),
+        )
+        early = list(filter(pushes, nearest))
         t = early[-1] if early else next(filter(pushes, observed(begin, contact.tn)), first)
         return AppEnd(t, pose_fields(self.moment_at(t)))
 

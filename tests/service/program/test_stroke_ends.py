@@ -158,6 +158,33 @@ def test_a_short_slide_before_a_stroke_is_its_beginning_with_one_path() -> None:
     assert pressed.target == pytest.approx((0.2, 0.0, 0.2))
 
 
+@pytest.mark.parametrize(
+    ("short_n", "parts"),
+    [(9.0, [(0,), (1, 2, 3), (4,)]), (3.5, [(0,), (1,), (3,), (4,)])],
+    ids=["one", "light"],
+)
+def test_a_slide_below_the_minimum_time_before_a_stroke_is_its_beginning(
+    short_n: float, parts: list[tuple[int, ...]]
+) -> None:
+    """A robot slid 15 mm in 0.2 s: the rest before it was a press of its own."""
+    still = {"position_start": (-0.015, 0.0, 0.2), "position_end": (-0.015, 0.0, 0.2)}
+    slid = {"position_start": (-0.015, 0.0, 0.2), "position_end": (0.0, 0.0, 0.2)}
+
+    def at(t: float) -> Moment:
+        pushed_n = 0.0 if not 2.0 < t < 5.0 else short_n if 3.0 < t < 3.2 else 9.0
+        return drifted(t, pushed_n=pushed_n)
+
+    made = program(
+        segment("motion", 0.0, 2.0, position_end=(-0.015, 0.0, 0.2)),
+        segment("contact", 2.0, 3.0, **held(9.0), **still),
+        segment("sliding", 3.0, 3.2, **held(short_n), **slid),
+        segment("sliding", 3.2, 5.0, **held(9.0), **ACROSS),
+        segment("motion", 5.0, 7.0, **OFF),
+        at=at,
+    )
+    assert [app.segments for app in made] == parts
+
+
 @pytest.mark.parametrize("way_m", [0.013, 0.019])
 @pytest.mark.parametrize(
     ("axes", "slide_n", "strokes"),

@@ -3,7 +3,7 @@
 - A rest at either end of a stroke or of a turn in contact is part of it, however short. It has a force of its
   own if it lasts for half a second. A rest with another force before or after it is a press of its own. A
   short skid at the end of a landing is part of the rest after it.
-- A short slide or a tilt beside a stroke is an end of it, if it has the stroke's force.
+- A short slide or a tilt beside a stroke is an end of it, if it has the stroke's force, however brief.
 - The last centimetres before a contact are the end of the movement into it, the last one before a rest too.
 - A turn in contact that continues about its axis without a stop is one turn.
 """
@@ -126,6 +126,27 @@ def _one_with(
         lead = _length_of(before, lambda one: _rests(one, context) or _is_end(one, context))
         return [*dropwhile(lambda one: _rests(one, context), before[len(before) - lead :]), step], step
     return [step], step
+
+
+def with_short_ends(
+    steps: Sequence[ProgramSegment], context: Context, short: MutableMapping[int, tuple[ProgramSegment, ...]]
+) -> list[ProgramSegment]:
+    """Return the steps; a slide below the minimum time directly before or after a stroke is an end of it.
+
+    short: by index, the possible interpretations of a short step; those that belong to a stroke are removed.
+    """
+    joined: list[ProgramSegment] = []
+    for step in steps:
+        stroke = step
+        for index in (step.parts[0].index - 1, step.parts[-1].index + 1):
+            for end in short.get(index, ())[:1] if _has_ends(step, context.moment_at) else ():
+                end = replace(end, base=step.base, confidence=step.confidence)
+                parts = [end, stroke] if index < step.index else [stroke, end]
+                if _is_end(end, context) and _are_one(parts, stroke, context.moment_at):
+                    del short[index]
+                    stroke = _one_way(parts)
+        joined.append(stroke)
+    return joined
 
 
 def with_rests(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:

@@ -38,6 +38,7 @@ from caesura_service.program.interpretation.joined_strokes import (
     with_ends,
     with_last_ways,
     with_rests,
+    with_short_ends,
     with_short_rests,
     with_whole_turns,
 )
@@ -107,6 +108,7 @@ def kept_steps(
         with_last_ways,
         with_departures,
         with_whole_turns,
+        partial(with_short_ends, short=short),
         with_ends,
         with_rests,
         partial(with_short_rests, short=short),

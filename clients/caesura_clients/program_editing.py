@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 
 from caesura_clients import query
 from caesura_clients.session_corrections import send
-from caesura_protocol.app_kinds import app_title
+from caesura_protocol.app_kinds import app_name, app_title
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import (
     Ack,
@@ -32,7 +32,8 @@ from caesura_protocol.messages import (
 from caesura_protocol.session_time_display import NO_OFFSET, SessionClock
 from caesura_protocol.transport.transport_interface import Transport
 
-AppNames = Mapping[tuple[str, int | None, float | None], str]  # what people call apps, as `names_of`
+#: The index of each app in the program, None for one that is not in it, and its name, as `names_of` has them.
+AppNames = Mapping[tuple[str, int | None, float | None], tuple[int | None, str | None]]
 
 HALF = 0.5  # of the time of an app
 
@@ -105,19 +106,15 @@ FIELD_WORDS: Mapping[str, str] = {
 
 
 def names_of(program: Program) -> AppNames:
-    """Return the names of a program's apps, also of those that an edit has deleted since it named them."""
-    names: dict[tuple[str, int | None, float | None], str] = {}
+    """Return the places and names of a program's apps, and the names that edits gave to apps not in it."""
+    names: dict[tuple[str, int | None, float | None], tuple[int | None, str | None]] = {}
     for edit in program.edits:
         action = edit.action
         if isinstance(action, ChangeApp) and action.name and edit.state != "undone":
-            names[_key(action.app)] = action.name
+            names[_key(action.app)] = None, action.name
         elif isinstance(action, InsertApp) and action.name:
-            names[action.kind, edit.number, None] = action.name
-    for app in program.apps:
-        names.pop(_key(reference(app)), None)
-        if app.name:
-            names[_key(reference(app))] = app.name
-    return names
+            names[action.kind, edit.number, None] = None, action.name
+    return names | {_key(reference(app)): (index, app.name) for index, app in enumerate(program.apps)}
 
 
 def _key(app: AppReference) -> tuple[str, int | None, float | None]:
@@ -128,15 +125,18 @@ def _key(app: AppReference) -> tuple[str, int | None, float | None]:
 def in_words(action: ProgramAction, clock: SessionClock = NO_OFFSET, names: AppNames | None = None) -> str:
     """Return text on an edit of a program. clock: of its session; names: of its apps.
 
-    An app without a name is called by its kind.
+    An app of the program has its number; another has its time, or the edit that added it.
 
     >>> in_words(DeleteApp(app=AppReference(kind="grasp", t0=1.8, tn=3.5)))
     "'grasp' at 1.8 s deleted"
     """
 
     def at(app: AppReference, name: str | None = None) -> str:
-        when = f"at {clock.shown(app.t0, 1)} s" if app.added is None else f"of edit {app.added}"
-        return f"'{name or (names or {}).get(_key(app)) or app_title(app.kind)}' {when}"
+        index, known = (names or {}).get(_key(app), (None, None))
+        if index is not None:
+            return app_name(index, app.kind, name or known)
+        when = f"at {clock.shown(app.t0, 1)} s" if app.added is None else f"that edit {app.added} added"
+        return f"'{name or known or app_title(app.kind)}' {when}"
 
     match action:
         case ChangeApp(app=app):

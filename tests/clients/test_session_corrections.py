@@ -346,7 +346,7 @@ def test_a_program_is_edited_compared_and_taken_back_from_the_command_line(
     run("program", "--station", "cell-9", "--session", session, "--format", "json", "-o", str(file))
     kinds = [one.kind for one in inferred.apps]
     grasp = str(kinds.index("grasp") + 1)
-    assert "'pick' at" in edit("change", grasp, "name=pick", "width=31")
+    assert f"app {grasp} (pick): " in edit("change", grasp, "name=pick", "width=31")
     assert edit("duplicate", "1").endswith("duplicated\n")
     shown = caesura.program("cell-9")
     assert [one.kind for one in shown.apps] == [kinds[0], *kinds]
@@ -362,7 +362,7 @@ def test_a_program_is_edited_compared_and_taken_back_from_the_command_line(
     assert "gripper width 31 mm" in differing
     beneath = query.snapshot(caesura.transport, "cell-9", session, inferred=True).program
     assert (beneath.apps, beneath.edit_revision, beneath.edits) == (inferred.apps, 4, ())
-    assert "undone: 'move to contact'" in edit("undo")
+    assert "undone: app 1 (move to contact)" in edit("undo")
     assert "undone" in edit()
     edit("delete", grasp)
     laid_out = ("--station", "cell-9", "--session", session, "--inferred", "--format", "json")
@@ -449,7 +449,7 @@ def test_a_session_by_the_time_of_day_is_shown_and_edited_in_seconds_from_its_st
     again = taught(caesura, "cell-11")
     part = ("--from", f"{grasp.t0 - start:.2f}", "--to", f"{grasp.tn - start:.2f}", "--with", again)
     said = run("edit-program", "cell-11", session, "replace", *part)
-    assert f"'grasp' at {grasp.t0 - start:.1f} s replaced by session" in said
+    assert "(grasp) replaced by session" in said
 
     shown = Console(width=200, file=StringIO(), record=True)
     noted = before.program.model_copy(update={"notes": (f"Not observed: {start + 0.5:.2f} s.",)})

@@ -166,7 +166,7 @@ def test_an_app_runs_earlier_and_later_and_edits_are_undone_and_made_again(desk:
     desk.open_form("apply_force")
     expect(page.get_by_role("button", name="Run app 1 earlier")).to_have_count(0)
     page.get_by_role("button", name="Run app 2 later").press("Enter")
-    desk.is_said("'apply force' at 2.0 s moved after 'move' at 3.5 s.")
+    desk.is_said("App 2 (apply force) moved after app 3 (move).")
     last_first = [taught[0], taught[2], taught[1]]
     assert order(desk.program) == last_first
     expect(page.locator(".app h3")).to_contain_text(["move to contact", "move", "apply force"])
@@ -230,9 +230,7 @@ def test_a_hold_is_inserted_with_its_name_and_target(desk: Desk):
     height.fill(f"{1000 * z + 20:.1f}")
     form.locator(".new-seconds").fill("5")
     form.locator(".insert-app").press("Enter")
-    desk.is_said(
-        f"'wait for the glue' inserted after 'move to contact' at {desk.app('move_to_contact').t0:.1f} s."
-    )
+    desk.is_said("'wait for the glue' inserted after app 1 (move to contact).")
     made = desk.app("hold")
     edit = desk.page.get_by_label(f"Edit app {desk.number('hold') + 1}", exact=True)
     expect(edit, "the new app comes into sight").to_be_focused()
@@ -243,7 +241,7 @@ def test_a_hold_is_inserted_with_its_name_and_target(desk: Desk):
     assert made.orientation == taught.orientation
     desk.open_form("move_to_contact")
     new_app(desk.open_form("move_to_contact"), "transport").locator(".insert-app").press("Enter")
-    desk.is_said(f"'transport' inserted after 'move to contact' at {desk.app('move_to_contact').t0:.1f} s.")
+    desk.is_said("'transport' inserted after app 1 (move to contact).")
     assert desk.app("transport").target == taught.target
 
 
@@ -294,9 +292,7 @@ def test_a_new_gripper_move_gets_a_width(desk: Desk):
     expect(form.locator(".new-seconds")).to_have_count(0)
     form.locator(".new-gripper_width").fill("40")
     form.locator(".insert-app").press("Enter")
-    desk.is_said(
-        f"'move gripper' inserted after 'move to contact' at {desk.app('move_to_contact').t0:.1f} s."
-    )
+    desk.is_said("'move gripper' inserted after app 1 (move to contact).")
     assert desk.app("gripper_move").gripper_width == pytest.approx(0.04)
     card = desk.open_form("gripper_move")
     expect(card.locator(".app-gripper_width")).to_have_value("40")
@@ -326,7 +322,7 @@ def test_a_press_is_inserted_with_force_and_duration_and_refused_as_by_the_comma
     form.get_by_label("New force x in N").fill("1.5")
     form.locator(".new-seconds").fill("3.5")
     add.press("Enter")
-    desk.is_said("'apply force' inserted after 'move' at 3.5 s.")
+    desk.is_said("'apply force' inserted after app 3 (move).")
     *before, made = desk.program.apps
     assert tuple(before) == taught
     assert (made.kind, made.force) == ("apply_force", (1.5, 0.0, -8.0))

@@ -383,7 +383,7 @@ def test_an_edit_moves_no_app_and_no_line_is_kept_for_what_is_said(stage: Stage,
     page.locator(".undo-edit").click()
     expect(page.locator(".program-said")).to_have_text(
         re.compile(
-            r"^Undone: 'reach down slowly until the plate is touched' at \d+\.\d s: name set, note set "
+            r"^Undone: app \d+ \(reach down slowly until the plate is touched\): name set, note set "
             r"\(edit 1 by Ann\)\.$"
         )
     )

@@ -26,7 +26,7 @@ from caesura_clients.program_editing import (
 )
 from caesura_clients.query import snapshot
 from caesura_clients.session_corrections import is_stale, send
-from caesura_protocol.app_kinds import APP_KINDS, AppKind, name_of_app
+from caesura_protocol.app_kinds import APP_KINDS, AppKind
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import (
     Ack,
@@ -265,7 +265,7 @@ _UNITS: Mapping[str, tuple[float, str]] = {
 class CheckedProgram(NamedTuple):
     """Apps at the times of the document, and the check's findings without a robot.
 
-    A finding is (severity, reason).
+    A finding is (severity, reason); that of an app does not name it, because the page shows it at the app.
     """
 
     apps: Sequence[App]
@@ -294,7 +294,5 @@ def checked(program: Program, clock: SessionClock = NO_OFFSET) -> CheckedProgram
         if one.index is None:
             of_program.append([one.severity, reason])
         else:
-            app = made.apps[one.index]
-            named = f"{name_of_app(one.index, app)}: {reason}"
-            of_apps.setdefault(one.index, []).append([one.severity, named])
+            of_apps.setdefault(one.index, []).append([one.severity, reason])
     return CheckedProgram(made.apps, of_program, of_apps)

@@ -37,6 +37,9 @@ def test_a_dashboard_before_its_service_names_what_to_start_and_connects_by_itse
         looks_right(opened, "before-the-service")
         page.goto(f"{dashboard.url}/station/cell-1")
         expect(page.locator(".desk-why")).to_contain_text("no router at")
+        expect(page.locator(".program .empty")).to_have_text(
+            "The service does not answer: what was taught is not known."
+        )
         page.goto(dashboard.url)
         expect(banner).to_contain_text("no router at")
         with running(service), closing(Bridges(service, tmp_path)) as bridges:
@@ -44,4 +47,6 @@ def test_a_dashboard_before_its_service_names_what_to_start_and_connects_by_itse
             expect(page.locator(".summary")).to_have_text("0 stations, none in trouble")
             bridges.teach("cell-1", guided(), pace="fast")
             expect(page.get_by_role("link", name="cell-1")).to_be_visible()
+            page.goto(f"{dashboard.url}/station/cell-2")
+            expect(page.locator(".program .empty")).to_have_text("Nothing taught yet.")
             assert opened.errors == []

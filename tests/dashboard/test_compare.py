@@ -76,6 +76,9 @@ def loaded(page: Page) -> None:
     page.wait_for_function(LOADED, polling=LOOK_MS)
 
 
+# What a screen reader calls the tools of each side, and the groups of them.
+NAMES = """(sides) => sides.map((side) => [...side.querySelectorAll("button, input, summary, [aria-label]")]
+  .map((one) => one.ariaLabel ?? one.textContent.trim()))"""
 TOPS = "() => [...document.querySelectorAll('.plots')].map((one) => one.getBoundingClientRect().y)"
 
 
@@ -93,6 +96,11 @@ def test_the_plots_of_both_sides_begin_alike(stage: Stage, opened: Visitor):
     loaded(page)
     first, second = page.evaluate(TOPS)
     assert first == second
+    names = page.locator(".session-view").evaluate_all(NAMES)
+    assert len(names[0]) > 10
+    assert not set(names[0]) & set(names[1]), "a tool states which side it moves"
+    assert {name.rpartition(": ")[2] for name in names[0]} == {"cell-7/one"}
+    assert opened.barriers() == []
     assert opened.errors == []
 
 

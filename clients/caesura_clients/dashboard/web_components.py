@@ -215,6 +215,12 @@ class ProgramTimeline(LiveElement, component="web/program.js"):
             self._known = {}
             self.send({"gone": True})
 
+    def set_answered(self, *, answers: bool) -> None:
+        """State whether the service answers: without it, no program does not mean that nothing was taught."""
+        if self._props.get("answers", True) != answers:
+            self._props["answers"] = answers
+            self.update()
+
     def _begin(self) -> None:
         super()._begin()
         self._known = {}

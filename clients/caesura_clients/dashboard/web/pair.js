@@ -28,6 +28,9 @@ export const pair = {
     },
   },
   methods: {
+    sided(name) { // of a tool that the other side has too
+      return this.linked ? `${name}: ${this.station}/${this.session}` : name;
+    },
     ownRange() {
       return { span: this.span, end: this.shownEnd - this.begin, cursor: this.cursor === null ? null : this.cursor - this.begin };
     },

@@ -24,7 +24,7 @@ const gripperKey = () => `caesura-gripper/${location.pathname.split("/")[2]}`; /
 export default {
   mixins: [live, unsaved],
   components: { AppCard, Conflict, NewApp, ProgramParts, ProgramPath, ProgramVersions, Staying },
-  props: { editable: Boolean, speeds: Array },
+  props: { editable: Boolean, speeds: Array, answers: { type: Boolean, default: true } },
   emits: ["edit", "simulate", "cancel", "compare", "part"],
   provide() {
     return { appsShown: () => this.program.apps, keyOf: this.key, typed: new Map(), lost: this.lost, cameBack: this.cameBack };
@@ -64,7 +64,7 @@ export default {
         <app-card v-for="app in program.apps" :key="key(app)" :app="app" :start="program.start" :editable="editable" :sessions="program.sessions" :kinds="program.kinds"
           :busy="busy" @edit="(...asked) => sayAt(app.number, ...asked)"></app-card>
       </ol>
-      <p v-else class="empty">Nothing taught yet.</p>
+      <p v-else class="empty">{{ answers ? "Nothing taught yet." : "The service does not answer: what was taught is not known." }}</p>
       <ul v-if="program && program.findings.length" class="findings" aria-label="Check of the program">
         <li v-for="[severity, reason] in program.findings" :key="reason" :class="severity">{{ severity }}: {{ reason }}</li>
       </ul>

@@ -1,6 +1,6 @@
 // What the session view consists of. Tab goes through it from the top: signals, corrections, plot, time, table.
 const legend = `
-  <ul v-if="session" class="legend" aria-label="Legend">
+  <ul v-if="session" class="legend" :aria-label="sided('Legend')">
     <li v-for="(look, name) in kinds" :key="name"><i class="swatch" :class="'kind-' + name"></i>{{ name }}</li>
     <li><i class="stroke stroke-final"></i>final</li>
     <li><i class="stroke stroke-provisional"></i>provisional</li>
@@ -32,22 +32,22 @@ const floating = `
   </form>`;
 
 const signals = `
-  <div v-if="session" class="signals" :class="{ absent: !available.length }" role="group" aria-label="Signals"><span>Signals</span>
-    <button v-for="one in offered" :key="one.name" :aria-pressed="String(chosen.includes(one.name))" @click="toggle(one.name)">{{ one.name }}</button>
-    <button class="run-lengths" :aria-pressed="String(columns !== null)" @click="toggleRunLengths">run lengths</button>
+  <div v-if="session" class="signals" :class="{ absent: !available.length }" role="group" :aria-label="sided('Signals')"><span>Signals</span>
+    <button v-for="one in offered" :key="one.name" :aria-pressed="String(chosen.includes(one.name))" :aria-label="sided(one.name)" @click="toggle(one.name)">{{ one.name }}</button>
+    <button class="run-lengths" :aria-label="sided('run lengths')" :aria-pressed="String(columns !== null)" @click="toggleRunLengths">run lengths</button>
   </div>`;
 
 const time = `
   <div v-if="session" class="scrub">
-    <button class="play" :disabled="!replay && !closed" :title="replay || closed ? null : 'Once the demonstration is over'" @click="play">{{ playing ? "Pause" : "Play" }}</button>
+    <button class="play" :disabled="!replay && !closed" :title="replay || closed ? null : 'Once the demonstration is over'" :aria-label="sided(playing ? 'Pause' : 'Play')" @click="play">{{ playing ? "Pause" : "Play" }}</button>
     <label class="slider">Show until <input type="range" :min="begin" :max="latest().toFixed(1)" step="0.1" :value="shownEnd"
-      :aria-valuetext="shownTime(shownEnd, 1) + ' seconds'" @input="scrub"></label>
+      :aria-label="sided('Show until')" :aria-valuetext="shownTime(shownEnd, 1) + ' seconds'" @input="scrub"></label>
     <output aria-live="off">{{ shownTime(Math.min(shownEnd, newest), 1) }} of {{ shownTime(newest, 1) }} s</output>
-    <span class="moves" role="group" aria-label="Range of time">
-      <button aria-label="Earlier" @click="pan(-0.5)">◀</button><button aria-label="Later" @click="pan(0.5)">▶</button>
-      <button aria-label="Zoom in" @click="zoom(0.5)">+</button><button aria-label="Zoom out" @click="zoom(2)">−</button>
-      <button @click="all">All</button>
-      <button class="follow" :aria-pressed="String(end === null)" @click="follow">{{ closed ? "End" : "Live" }}</button></span>
+    <span class="moves" role="group" :aria-label="sided('Range of time')">
+      <button :aria-label="sided('Earlier')" @click="pan(-0.5)">◀</button><button :aria-label="sided('Later')" @click="pan(0.5)">▶</button>
+      <button :aria-label="sided('Zoom in')" @click="zoom(0.5)">+</button><button :aria-label="sided('Zoom out')" @click="zoom(2)">−</button>
+      <button :aria-label="sided('All')" @click="all">All</button>
+      <button class="follow" :aria-pressed="String(end === null)" :aria-label="sided(closed ? 'End' : 'Live')" @click="follow">{{ closed ? "End" : "Live" }}</button></span>
   </div>`;
 
 const corrections = `
@@ -55,14 +55,14 @@ const corrections = `
     :effect="effectAt === 'list' ? effect : null" @edit="edit" @preview="(action) => preview(action, 'list')"></corrections>`;
 
 const table = `
-  <details v-if="session" class="table" @toggle="listed = $event.target.open"><summary>Segments as a table</summary>
-    <div v-if="listed" class="scroll" tabindex="0" role="region" aria-label="Segments as a table"><table><thead><tr><th scope="col">from</th><th scope="col">to</th><th scope="col">kind</th><th scope="col">probability</th>
+  <details v-if="session" class="table" @toggle="listed = $event.target.open"><summary :aria-label="sided('Segments as a table')">Segments as a table</summary>
+    <div v-if="listed" class="scroll" tabindex="0" role="region" :aria-label="sided('Segments as a table')"><table><thead><tr><th scope="col">from</th><th scope="col">to</th><th scope="col">kind</th><th scope="col">probability</th>
       <th scope="col">else</th><th scope="col">state</th><th scope="col">select</th></tr></thead>
     <tbody><tr v-for="one in newestFirst" :key="one[0]">
       <td>{{ shownTime(one[0]) }} s</td><td>{{ shownTime(one[1]) }} s</td>
       <td><i class="swatch" :class="'kind-' + one[2]"></i>{{ one[2] }}</td><td>{{ percent(one[3]) }}</td>
       <td>{{ one[6] || "–" }}</td><td>{{ one[5] ? "corrected" : one[4] ? "final" : "provisional" }}</td>
-      <td><button @click="choose(one)" :aria-label="'select the segment from ' + shownTime(one[0]) + ' s'">select</button></td>
+      <td><button @click="choose(one)" :aria-label="sided('select the segment from ' + shownTime(one[0]) + ' s')">select</button></td>
     </tr></tbody></table></div>
   </details>`;
 
@@ -73,7 +73,7 @@ export const template = `
     <p v-if="linked && trouble" class="trouble" role="status">{{ trouble }}</p>
     <div v-show="session" class="plots-frame">
     <div ref="plots" class="plots" :class="{ takes: canTake }" tabindex="0" role="application" :aria-describedby="linked ? null : 'plot-help'"
-      :aria-label="'Signals against time, with segments and changepoints' + (linked ? ' of ' + station : '')" @pointerdown="pressed" @pointermove="dragged"
+      :aria-label="sided('Signals against time, with segments and changepoints')" @pointerdown="pressed" @pointermove="dragged"
       @pointerup="released" @pointercancel="released" @pointerleave="pointedInBand = null" @touchend="lifted" @wheel.prevent="wheeled" @keydown="key"
       @contextmenu="pointedAt">
       <canvas ref="band" class="band"></canvas>

@@ -73,10 +73,13 @@ Tolerance = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]  # [m] or [rad]
 MAX_TAG = 64  # characters of the `do` of an action
 _UNSEEN = r"\u0000-\u001f\u007f-\u009f\u00ad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
 # A joiner (U+200C, U+200D) belongs to words of Persian and Indic scripts, and to emoji of several people. It
-# stands after a character that is seen, beside one from U+0600 on. Elsewhere two names would differ unseen.
+# stands after a character that is seen, beside one from U+0600 on, and ends a text only after a virama of an
+# Indic script. Elsewhere two names would differ unseen.
 _JOINING = rf"[^\u0000-\u05ff{_UNSEEN}]"
 SEEN = rf"[!-~][\u200c\u200d]{_JOINING}[\u200c\u200d]?|{_JOINING}[\u200c\u200d]|[^{_UNSEEN}]"
-LINE = f"^({SEEN})+$"
+_VIRAMA = r"[\u094d\u09cd\u0a4d\u0acd\u0b4d\u0bcd\u0c4d\u0ccd\u0d4d\u0dca]"
+_LAST = rf"[!-~][\u200c\u200d]{_JOINING}|{_VIRAMA}[\u200c\u200d]|[^{_UNSEEN}]"
+LINE = f"^({SEEN})*({_LAST})$"
 Author = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]
 TaskName = Annotated[str, Field(min_length=1, max_length=120, pattern=LINE)]
 Note = Annotated[str, Field(min_length=1, max_length=1000, pattern=LINE)]
@@ -120,4 +123,4 @@ ShortTag = BeforeValidator(_with_short_tag)  # of an action within a result, whi
 
 def as_line(text: str) -> str:
     """Return a text with a space in place of each character that LINE refuses."""
-    return re.sub(rf"({SEEN})|[\s\S]", lambda one: one[1] or " ", text)
+    return re.sub(rf"((?:{_LAST})\Z|(?:{SEEN})(?!\Z))|[\s\S]", lambda one: one[1] or " ", text)

@@ -30,15 +30,25 @@ SPEED_WINDOW_S = 0.04  # over which positions are averaged for the speed; two wi
 def drawn_columns(columns: Sequence[str]) -> tuple[str, ...]:
     """Return the columns of a session that are drawn: all except time, and the derived ones that it can have.
 
-    columns: of the session, time first.
+    columns: of the session, time first. What was measured is not derived as well.
     """
-    speed = (SPEED,) if _places(columns, "pos", "q") else ()
-    return (*columns[1:], *speed, *(ROTATION if _places(columns, "quat") else ()))
+    speed = (SPEED,) if _moving(columns) else ()
+    return (*columns[1:], *speed, *(ROTATION if _turning(columns) else ()))
 
 
 def chosen_columns(asked: Collection[str], known: tuple[str, ...]) -> tuple[str, ...]:
     """Return those of the requested columns that exist, in their order; all columns if none is requested."""
     return tuple(name for name in known if name in asked) if asked else known
+
+
+def _moving(columns: Sequence[str]) -> list[int]:
+    """Return the columns from which the speed is derived, counted without time; empty without it."""
+    return [] if SPEED in columns else _places(columns, "pos", "q")
+
+
+def _turning(columns: Sequence[str]) -> list[int]:
+    """Return the columns from which the rotation is derived, counted without time; empty without it."""
+    return [] if set(ROTATION) & set(columns) else _places(columns, "quat")
 
 
 def _places(columns: Sequence[str], *signals: str) -> list[int]:
@@ -69,8 +79,8 @@ class DerivedColumns:
     ) -> None:
         self.first_orientation = first_orientation
         self._has_beginning = has_beginning
-        self._speed = Speed(_places(columns, "pos", "q"))
-        self._quaternion = _places(columns, "quat")
+        self._speed = Speed(_moving(columns))
+        self._quaternion = _turning(columns)
 
     def beside(self, run: SampleRun) -> Array:
         """Return the values (n, c) of a run with the derived columns beside them, as `drawn_columns`.

@@ -70,6 +70,18 @@ def test_joints_alone_have_a_speed_of_their_own():
     assert unpack_points(read(ring))["speed"][5:, 1] == pytest.approx(0.5)
 
 
+@pytest.mark.parametrize("measured", ["speed", ROTATION[0]])
+def test_a_measured_column_with_the_name_of_a_derived_one_is_drawn_once(measured):
+    """A station that no service let in may send any names; both were drawn, with the values of one."""
+    ring, t = SignalRing(), np.arange(200) / 1000.0
+    columns = ("t", "px", "py", "pz", "qx", "qy", "qz", "qw", measured)
+    sent(ring, np.column_stack([t, *np.zeros((6, 200)), np.ones(200), 7.0 + t]), columns=columns)
+    found = read(ring, unit="mm")
+    assert len(set(found.available)) == len(found.available)
+    assert set(found.available) >= {"px", "qw", measured}
+    assert unpack_points(found)[measured][:, 1].min() >= 7.0
+
+
 @pytest.mark.parametrize(("pause_s", "skipped", "reason"), [(2.0, 0, "source"), (0.1, 3, "evicted")])
 def test_a_hole_is_stated_and_has_no_speed_behind_it(pause_s, skipped, reason):
     ring = SignalRing()

@@ -15,7 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.derived_columns import ROTATION, DerivedColumns, chosen_columns, drawn_columns
+from caesura_protocol.derived_columns import (
+    ROTATION,
+    SPEED,
+    DerivedColumns,
+    chosen_columns,
+    drawn_columns,
+)
 from caesura_protocol.gap_free_sample_runs import RunSplitter, in_metres
 from caesura_protocol.keys import SampleRange
 from caesura_protocol.messages import ForceFrame, Gap, LengthUnit, Quaternion, RecordedSamples
@@ -122,7 +128,7 @@ class SignalRing:
             first_s = self._first if self._has_beginning else None
         known = drawn_columns(columns)
         scale = dict(zip(columns, in_metres(columns, unit), strict=True))
-        scale["speed"] = scale.get("px", 1.0)
+        scale.setdefault(SPEED, scale.get("px", 1.0))
         chosen = chosen_columns(wanted.columns, known)
         points = [points_of(some, known.index(name)) * (1.0, scale.get(name, 1.0)) for name in chosen]
         return RecordedSamples(

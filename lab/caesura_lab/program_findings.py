@@ -26,5 +26,6 @@ def program_findings(view: PipelineView) -> tuple[str, ...]:
         robot=view.robot,
         up=view.up,
     )
-    found = findings_beside_notes(document(program))
-    return tuple(str(one) for one in found if one.index is not None or one.reason not in view.wrench.note)
+    found, noted = findings_beside_notes(document(program)), view.wrench.note
+    said = (one for one in found if one.index is not None or (one.on_page or one.reason) not in noted)
+    return tuple(map(str, said))

@@ -324,8 +324,7 @@ ASSUMED_ORDER = (
     "which is reordered."
 )
 ASSUMED_FRAME = (
-    "Frame of the force: base, assumed. State force_frame in the file, or --force-frame: base, or flange, "
-    "which needs an orientation."
+    "Frame of the force: base, assumed. State whether it is base or flange; flange needs an orientation."
 )
 ASSUMED_FLAG = "Gripper: a flag of which 1 is closed and 0 open, assumed. Exchange them where 1 is open."
 ASSUMED: Mapping[Assumption, str] = {"quaternion_order": ASSUMED_ORDER, "force_frame": ASSUMED_FRAME}

@@ -87,7 +87,7 @@ class _Force(NamedTuple):
     remedy: str  # where a value that stays the same is right
 
 
-_FORCE = _Force("force", "The force is", "N", "state --force-unit N if the values are right")
+_FORCE = _Force("force", "The force is", "N", "state its unit if the values are right")
 _JOINT_TORQUES = _Force("tau", "The joint torques are", "Nm", "")
 
 

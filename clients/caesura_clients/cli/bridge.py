@@ -35,6 +35,7 @@ from caesura_clients.cli.stdin_markers import marking
 from caesura_clients.client import Caesura
 from caesura_clients.query import services, snapshots
 from caesura_clients.service_liveliness import watch_services
+from caesura_protocol.command_line_advice import at_command_line
 from caesura_protocol.errors import CaesuraError, ProtocolError, Unreachable
 from caesura_protocol.messages import Ack, SessionStatus
 from caesura_protocol.number_words import counted
@@ -270,7 +271,7 @@ def _opened_source(name: str, options: SourceOptions) -> Iterator[Source]:
             *(f"warning: {one}" for one in (*recording.cautions, *recording.doubts)),
         )
         for line in filter(None, said):
-            typer.echo(line, err=True)
+            typer.echo(at_command_line(line), err=True)
     with ExitStack() as stack:
         if (close := getattr(source, "close", None)) is not None:
             stack.callback(close)

@@ -17,6 +17,7 @@ from caesura_clients.cli.connection_options import Config, Connect, Station
 from caesura_clients.cli.options import connected, ended_by_sigterm, named, reported
 from caesura_clients.hint_lifecycle import HintChange, HintChanges
 from caesura_clients.session_follower import events
+from caesura_protocol.command_line_advice import at_command_line
 
 PATIENCE_S = 5.0  # for a command
 
@@ -63,7 +64,7 @@ def hint_line(change: HintChange) -> str:
     """
     hint = change.hint
     t = hint.since if change.event != "cleared" or hint.until is None else hint.until
-    said = f" {hint.text} {hint.advice}" if change.event != "cleared" else ""
+    said = f" {at_command_line(hint.text)} {hint.advice}" if change.event != "cleared" else ""
     return f"{change.station}/{change.session} {t:.2f} {change.event} {hint.kind}{said}"
 
 

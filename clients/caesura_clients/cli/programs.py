@@ -28,6 +28,7 @@ from caesura_clients.cli.options import (
 )
 from caesura_clients.cli.program_speed import TAUGHT, KeepPause, Speed, at_speed
 from caesura_clients.cli.result_tables import apps_table, clock_lines, doubtful_apps, program_view
+from caesura_protocol.command_line_advice import at_command_line
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.formats.write import check_not_read, whole_file
 from caesura_protocol.programs.apps_by_phase import renamed
@@ -235,7 +236,8 @@ def _write_table(program: ProgramFile, out: Path | None, clock: SessionClock) ->
     name = f"{escape(program.name)}: " if program.name else ""
     title = f"{name}{program.station} / {program.session}, revision {program.revision}, {state}"
     findings = map(clock.text, map(str, findings_beside_notes(program)))
-    notes = map(Text, (*map(clock.text, program.notes), *doubtful_apps(program.apps), *findings))
+    noted = (clock.text(at_command_line(note)) for note in program.notes)
+    notes = map(Text, (*noted, *doubtful_apps(program.apps), *findings))
     parts = [*clock_lines(clock), apps_table(program.apps, title, clock, program.groups), *notes]
     if out is None:
         Console().print(*parts, sep="\n")

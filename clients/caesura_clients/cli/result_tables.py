@@ -16,6 +16,7 @@ from caesura_clients.program_editing import FIELD_WORDS
 from caesura_clients.station_budget_texts import budgets_in_words
 from caesura_protocol.app_force_limit import force_in_words
 from caesura_protocol.app_kinds import app_number, app_title
+from caesura_protocol.command_line_advice import at_command_line
 from caesura_protocol.messages import (
     App,
     Description,
@@ -59,7 +60,7 @@ def segments_view(
     table = segments_table(segments[hidden:], _title(status), clock, first=hidden, measured=measured)
     said = Text(f"{hidden} earlier ones hidden · ", style="dim") if hidden else Text()
     active = [
-        Text(clock.text(f"! {hint.text} {hint.advice}"), style="bold yellow")
+        Text(clock.text(f"! {at_command_line(hint.text)} {hint.advice}"), style="bold yellow")
         for hint in hints
         if hint.until is None
     ]
@@ -144,7 +145,7 @@ def status_line(status: SessionStatus, clock: SessionClock = NO_OFFSET) -> Text:
         status.state,
         f"t {clock.shown(status.t)} s",
         f"{counted(status.samples, 'sample')} in {counted(status.batches, 'batch')}",
-        status.wrench.note or f"wrench {status.wrench.source}",
+        at_command_line(status.wrench.note) or f"wrench {status.wrench.source}",
     ]
     if status.waiting_for is not None:
         parts.append(f"waiting for batch {status.waiting_for}")
@@ -211,7 +212,7 @@ def program_view(
     state = "complete" if program.complete else "being taught"
     name = f"{escape(program.name)}: " if program.name else ""
     title = f"{name}{program.station} / {program.session}, version {program.version}, {state}"
-    notes = (*map(clock.text, made.notes), *doubtful_apps(program.apps))
+    notes = (*map(clock.text, map(at_command_line, made.notes)), *doubtful_apps(program.apps))
     findings = map(clock.text, map(str, findings_beside_notes(made)))
     dim = (Text(note, style="dim") for note in notes)
     return Group(apps_table(program.apps, title, clock, made.groups), *dim, *map(Text, findings))

@@ -18,6 +18,7 @@ from caesura_clients.doctor.signal_checks import (
 )
 from caesura_clients.station_name_conflicts import REMEDY, in_words
 from caesura_protocol.codec import signals_of, unpack_samples
+from caesura_protocol.command_line_advice import at_command_line
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import ESTIMATE, WRENCH_SOURCES, BridgeStatus, SampleBatch, SessionStatus
 from caesura_protocol.number_words import counted
@@ -311,7 +312,8 @@ def _check_wrench(station: StationProbe, status: SessionStatus) -> Iterator[Chec
         for name, there in (("contact", wrench.contact_models), ("load", wrench.transport_models))
         if there
     ]
-    found = f"{wrench.source}: {' and '.join(can) or 'neither contact nor load'} can be found. {wrench.note}"
+    note = at_command_line(wrench.note)
+    found = f"{wrench.source}: {' and '.join(can) or 'neither contact nor load'} can be found. {note}"
     remedy = wrench_remedy(wrench.source, wrench.hand_on_robot)
     if not wrench.stated:
         remedy = f"state where it is measured: {', '.join(WRENCH_SOURCES)}"

@@ -36,6 +36,7 @@ from caesura_lab.evaluation.scoring.score import Score
 from caesura_lab.evaluation.studies import motion_library_evidence as libraries
 from caesura_lab.evaluation.worker_pool import each
 from caesura_lab.ground_truth import ToleranceOptions, TruthError
+from caesura_protocol.command_line_advice import at_command_line
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.number_words import counted
 from caesura_protocol.package_version_and_extras import import_extra, install_command
@@ -502,7 +503,7 @@ def _warn(verdicts: Sequence[Verdict]) -> None:
     scores = sorted((one for one in verdicts if isinstance(one, Score)), key=lambda one: one.recording)
     said = (f"warning: {one.recording}: {caution}" for one in scores for caution in one.cautions)
     for line in dict.fromkeys(said):
-        typer.echo(line, err=True)
+        typer.echo(at_command_line(line), err=True)
 
 
 def _title(suite_name: str | None, count: int, least_s: float) -> str:

@@ -18,6 +18,7 @@ from caesura_lab.commands.dataset_export_options import DATASET_OPTIONS, Dataset
 from caesura_lab.commands.options import Mapping, PresetName, RecordingFiles, namesakes, stated_recording
 from caesura_lab.commands.segment import segmented
 from caesura_lab.recording_warnings import without_confirmed
+from caesura_protocol.command_line_advice import at_command_line
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.formats.mcap_schemas import TaskProgram
 from caesura_protocol.formats.read import recordings_of
@@ -74,6 +75,7 @@ def export_recording(
             recording = stated_recording(file, reading, asked, mapping, as_stated=copied)
             for line in (ignored_line(recording), *recording.assumed, *recording.cautions, *recording.doubts):
                 if line:
+                    line = at_command_line(line)
                     typer.echo(f"{file}: {line}" if len(found) > 1 else line, err=True)
             recordings.append(recording)
         try:

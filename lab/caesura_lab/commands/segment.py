@@ -29,6 +29,7 @@ from caesura_lab.commands.options import Mapping, PresetName, RecordingFiles, st
 from caesura_lab.commands.segment_output import STDOUT, check_output, outputs_of, write_line, write_result
 from caesura_lab.program_findings import program_findings
 from caesura_lab.recording_warnings import recording_warnings, without_confirmed
+from caesura_protocol.command_line_advice import at_command_line
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError
 from caesura_protocol.formats.read import recordings_of
 from caesura_protocol.number_words import counted
@@ -170,7 +171,7 @@ def _segment_each(job: _Job, files: Sequence[Path], json_out: Path | None) -> No
             write_result(outputs[file], file, one.view, one.findings, job.method)
         typer.echo(_line(one))
         for warning in filter(None, (*one.warnings, _ignored(one.recording), _repeats(one.view))):
-            typer.echo(f"{file}: {warning}", err=True)
+            typer.echo(f"{file}: {at_command_line(warning)}", err=True)
     if refused:
         typer.echo(f"{refused} of {counted(len(files), 'recording')} refused", err=True)
         raise typer.Exit(1)
@@ -257,7 +258,7 @@ def _shown(recording: Recording, preset: str, view: PipelineView, warnings: Sequ
         ),
         *([phases_table(view.phases, "phases", clock)] if len(view.phases) > 1 else []),
         apps_table(view.apps, "task program", clock, groups_of(view.apps, view.phases)),
-        *map(Text, lines),
+        *map(Text, map(at_command_line, lines)),
     )
 
 

@@ -99,7 +99,7 @@ RULES: tuple[SignalRule, ...] = (
         _hand_level,
         lambda m, _setup: (
             f"The sensor measures the hand: {m.driving_n:.0f} N along the movement. If the hand has to hold "
-            "the tool, start the bridge with --wrench-source flange_sensor_with_hand.",
+            "the tool, state the wrench source flange_sensor_with_hand.",
             "Hold the arm itself, not the tool.",
         ),
     ),

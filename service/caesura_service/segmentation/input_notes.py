@@ -13,11 +13,11 @@ from caesura_service.signals import SampleLayout, WrenchCapabilities
 
 # Its weight alone shows a load then, against a bias of free space with a scale of 2.3 N (docs/judge.md).
 ASSUMED_ROBOT = (
-    "Robot not stated: its seven joints are read as those of a Panda. State --robot if it is another arm."
+    "Robot not stated: its seven joints are read as those of a Panda. State the robot if it is another arm."
 )
 UNREAD_JOINTS = (
-    "Robot not stated: no orientation is computed from its joints, and targets have none. State --robot, or "
-    "send qx qy qz qw."
+    "Robot not stated: no orientation is computed from its joints, and targets have none. State the robot, "
+    "or send qx qy qz qw."
 )
 NO_GRIPPER = (
     "No gripper state: a light load (with preset default below about 0.75 kg) is shown as motion. "

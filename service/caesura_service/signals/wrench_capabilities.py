@@ -18,7 +18,7 @@ HANDS_ON_ROBOT = ("yes", "no", "unknown")
 
 ASSUMED = "assumed: the recording does not state its wrench source"
 ASSUMED_NONE = "assumed: no wrench source is stated and there are no force columns"
-STATE_IT = "State it with --wrench-source."
+STATE_IT = "State the wrench source."
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ _OF_ESTIMATE = {
     "unknown": replace(
         _ESTIMATE,
         reason="a hand may be on the robot, and its force in the estimate",
-        advice="State --hand-on-robot no where there is none.",
+        advice="If there is none, state that.",
     ),
     "no": replace(
         _ESTIMATE,

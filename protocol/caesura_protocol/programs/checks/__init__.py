@@ -85,5 +85,7 @@ def findings_beside_notes(program: ProgramFile) -> list[Finding]:
     if not program.apps or not (program.complete or program.edits):
         return []
     return [
-        one for one in document_findings(program) if one.index is not None or one.reason not in program.notes
+        one
+        for one in document_findings(program)
+        if one.index is not None or (one.on_page or one.reason) not in program.notes
     ]

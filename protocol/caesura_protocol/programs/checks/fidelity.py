@@ -23,7 +23,7 @@ from caesura_protocol.app_kinds import APP_KINDS, name_of_app
 from caesura_protocol.messages import App, Gap, Vector, ViaPoint, WrenchReport
 from caesura_protocol.number_words import fixed, interval, reads_above
 from caesura_protocol.programs.app_time_shifts import part_of, rests_of, speed_in_words
-from caesura_protocol.programs.checks.findings import Finding, Remedy, in_mm
+from caesura_protocol.programs.checks.findings import Finding, Remedy, in_mm, of_note
 from caesura_protocol.programs.document import ProgramStep
 from caesura_protocol.programs.document_timing import ProgramTiming
 from caesura_protocol.programs.program_gripper import GRIP_REACH_M, GRIPS, SURE_SDS, held_loads
@@ -38,7 +38,7 @@ UNEVEN_SHARE = 0.15  # of a force, by which one beside it is another force
 TAUGHT_APART = "a part was taught again"
 ENTER_LOAD = Remedy(": enter load_kg in the JSON file", ": export JSON, and enter load_kg in that file")
 STATE_WRENCH = Remedy(
-    ": state it with --wrench-source", ": the bridge of the station states it with its option --wrench-source"
+    ": state it with --wrench-source", ": the bridge of the station states it, or the form of a recording"
 )
 SEND_ORIENTATION = Remedy(
     "; send qx qy qz qw, or the joints and --robot",
@@ -480,8 +480,7 @@ def _wrench_findings(quality: DemonstrationQuality) -> Iterator[Finding]:
         reason = f"wrench source {wrench.source} is assumed"
         yield STATE_WRENCH.of(Finding("warning", None, None, reason))
     if not wrench.contact_models:
-        reason = f"contacts were not searched for. {wrench.note}"
-        yield Finding("warning", None, None, reason)
+        yield of_note(f"contacts were not searched for. {wrench.note}")
     elif wrench.tare is None:
         said = wrench.note  # on the source, and on the tare
         for note in quality.notes:
@@ -494,7 +493,7 @@ def _notes(quality: DemonstrationQuality) -> Iterator[Finding]:
     on_wrench = "" if quality.wrench is None else quality.wrench.note
     for note in quality.notes:
         if note not in on_wrench:
-            yield Finding("warning", None, None, note)
+            yield of_note(note)
 
 
 def _missing_paths(apps: Sequence[App]) -> Iterator[Finding]:

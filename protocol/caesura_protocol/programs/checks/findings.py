@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 from caesura_protocol.app_kinds import app_name
+from caesura_protocol.command_line_advice import at_command_line
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.number_words import fixed
 
@@ -44,6 +45,11 @@ class Remedy(NamedTuple):
     def of(self, found: Finding) -> Finding:
         """Return a finding, whose reason has the facts alone, with this advice."""
         return replace(found, reason=found.reason + self.command, on_page=found.reason + self.page)
+
+
+def of_note(note: str) -> Finding:
+    """Return a note on a program as a finding."""
+    return Finding("warning", None, None, at_command_line(note), on_page=note)
 
 
 def with_names(findings: Iterable[Finding], apps: Sequence[App]) -> Iterator[Finding]:

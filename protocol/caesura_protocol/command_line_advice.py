@@ -1,0 +1,37 @@
+"""Advice in notes, hints and findings on a recording, as the command line gives it.
+
+Such a text is stored and sent, and read on a page as well as in a terminal. So it names no option. A command
+exchanges its advice for one that does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+ADVICE: Mapping[str, str] = MappingProxyType(
+    {
+        "State the wrench source.": "State it with --wrench-source.",
+        "state the wrench source flange_sensor_with_hand.": (
+            "start the bridge with --wrench-source flange_sensor_with_hand."
+        ),
+        "If there is none, state that.": "State --hand-on-robot no where there is none.",
+        "State the robot if it is another arm.": "State --robot if it is another arm.",
+        "State the robot, or send qx qy qz qw.": "State --robot, or send qx qy qz qw.",
+        "State whether it is base or flange; flange needs an orientation.": (
+            "State force_frame in the file, or --force-frame: base, or flange, which needs an orientation."
+        ),
+        "state its unit if the values are right": "state --force-unit N if the values are right",
+    }
+)
+
+
+def at_command_line(text: str) -> str:
+    """Return a text with the options of its advice.
+
+    >>> at_command_line("Robot not stated: no poses. State the robot, or send qx qy qz qw.")
+    'Robot not stated: no poses. State --robot, or send qx qy qz qw.'
+    """
+    for advice, options in ADVICE.items():
+        text = text.replace(advice, options)
+    return text

@@ -112,13 +112,14 @@ export class Plots {
       },
     };
   }
-  time(u, t, unit) { // none at the right edge, where it would be cut
+  // None at the right edge, where it would be cut. The element of the plot gets its width after the axes.
+  time(u, t, unit) {
     const words = `${+(t - this.state.start).toFixed(5)}${unit}`;
     const { font } = u.ctx; // uPlot's own, which it does not set anew
     u.ctx.font = fontOf();
     const { width } = u.ctx.measureText(words);
     u.ctx.font = font;
-    return u.valToPos(t, "x") + width / 2 > u.over.clientWidth + RIGHT ? "" : words;
+    return u.valToPos(t, "x") + width / 2 > u.bbox.width / devicePixelRatio + RIGHT ? "" : words;
   }
   area(u) {
     const { left, top, width, height } = u.bbox;

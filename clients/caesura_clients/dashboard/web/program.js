@@ -203,7 +203,7 @@ export default {
       const last = number + LISTED / 2;
       if (isAtEdge && PLACES.includes(action.do)) this.$emit("part", last < total ? last : null);
       this.say(action, ...asked);
-      this.inserted = action.do === "insert" ? number + 1 : null;
+      this.inserted = { insert: number + 1, replace_part: number }[action.do] ?? null;
     },
     askName(action) { // of who edits, at the first edit; then it is made
       Object.assign(this, { asked: action, draft: "" });

@@ -1,7 +1,8 @@
-"""Advice in notes, hints and findings on a recording, as the command line gives it.
+"""Advice in notes, hints, findings and refusals, as a page and as the command line gives it.
 
-Such a text is stored and sent, and read on a page as well as in a terminal. So it names no option. A command
-exchanges its advice for one that does.
+Notes and hints are stored and sent, and read on a page as well as in a terminal. So they name no option. A
+command exchanges their advice for one that does. What only a command wrote before has its options; a page
+exchanges them.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ ADVICE: Mapping[str, str] = MappingProxyType(
             "State force_frame in the file, or --force-frame: base, or flange, which needs an orientation."
         ),
         "state its unit if the values are right": "state --force-unit N if the values are right",
+        "write the script with the workspace of that cell": "state that of the cell with --cell",
+        "expected Gripper beside Export": "expected --gripper, or Gripper in the dashboard",
     }
 )
 
@@ -34,4 +37,15 @@ def at_command_line(text: str) -> str:
     """
     for advice, options in ADVICE.items():
         text = text.replace(advice, options)
+    return text
+
+
+def on_page(text: str) -> str:
+    """Return a text without the options of its advice.
+
+    >>> on_page("Robot not stated: no poses. State --robot, or send qx qy qz qw.")
+    'Robot not stated: no poses. State the robot, or send qx qy qz qw.'
+    """
+    for advice, options in ADVICE.items():
+        text = text.replace(options, advice)
     return text

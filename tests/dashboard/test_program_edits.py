@@ -127,6 +127,7 @@ def test_an_export_states_the_gripper_that_was_chosen():
     site = SimpleNamespace(gateway=SimpleNamespace(world=world))
     refused = _exported(site, "cell-1", "s1", "urscript", None)
     assert (refused.status_code, b"no gripper is stated" in refused.body) == (409, True)
+    assert b"--" not in refused.body, "a page has no options"
     written = _exported(site, "cell-1", "s1", "urscript", "robotiq_2f_85")
     assert (written.status_code, b"rq_" in written.body or b"socket" in written.body) == (200, True)
     unknown = _exported(site, "cell-1", "s1", "urscript", "claw")

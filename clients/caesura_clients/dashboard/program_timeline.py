@@ -11,6 +11,7 @@ from caesura_clients.dashboard.program_edits import app_editing, checked, editin
 from caesura_clients.dashboard.program_path import program_path, target_before
 from caesura_protocol.app_force_limit import is_limited, is_path_limited, path_force_in_words, rests_in_words
 from caesura_protocol.app_kinds import APP_KINDS
+from caesura_protocol.command_line_advice import on_page
 from caesura_protocol.messages import App, Program, Quaternion, Vector
 from caesura_protocol.number_words import counted, fixed
 from caesura_protocol.programs.app_time_shifts import speed_in_words
@@ -64,7 +65,7 @@ class Timeline:
             "complete": program.complete,
             "author": program.author or "",
             "edited": program.edited,
-            "notes": [clock.text(note) for note in program.notes],
+            "notes": [clock.text(on_page(note)) for note in program.notes],
             "before": before,
             "after": count - end,
             "pathBefore": drawn[0],

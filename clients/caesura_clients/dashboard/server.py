@@ -31,6 +31,7 @@ from caesura_clients.dashboard.signal_ring import as_bytes
 from caesura_clients.dashboard.silent_connections import BoundedProtocol
 from caesura_clients.dashboard.web_components import PACKAGE, WEB
 from caesura_clients.refusal_words import refusal_words
+from caesura_protocol.command_line_advice import on_page
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
 from caesura_protocol.keys import check_name, parse_samples_parameters
 from caesura_protocol.programs.document import document
@@ -267,7 +268,8 @@ def _exported(site: Site, station: str, session: str, name: str, gripper: str | 
         program = with_gripper(document(update.program, phases=update.phases), gripper)
         content = WRITERS[name].write(program)
     except (ValueError, CaesuraError) as error:
-        return PlainTextResponse(f"{station}/{session} cannot be written: {error}", status_code=409)
+        why = on_page(str(error))
+        return PlainTextResponse(f"{station}/{session} cannot be written: {why}", status_code=409)
     file = f'attachment; filename="{station}.{session}{WRITERS[name].suffix}"'
     return Response(content, media_type="text/plain; charset=utf-8", headers={"content-disposition": file})
 

@@ -28,6 +28,8 @@ def test_a_program_of_another_frame_is_one_finding() -> None:
     (found,) = workspace_findings(moves(*targets), DEFAULT)
     assert (found.severity, found.index, found.kind) == ("error", None, None)
     assert "4 of 5 targets are outside of the workspace" in found.reason
+    assert "--" in found.reason
+    assert "--" not in str(found.on_page), "a page has no options"
     assert "such as app 1 at (400, -1200, -1300) mm. Were they stated in another base frame?" in found.reason
     assert "--cell" in found.reason
     assert [one.index for one in workspace_findings(moves(*targets, INSIDE), DEFAULT)] == [0, 1, 2, 3]

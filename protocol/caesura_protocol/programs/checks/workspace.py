@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.plausibility import likely_length_unit
-from caesura_protocol.programs.checks.findings import Finding, in_mm
+from caesura_protocol.programs.checks.findings import Finding, Remedy, in_mm
 from caesura_protocol.programs.safety import Safety
 
+_IN_ANOTHER_FRAME = ". Were they stated in another base frame? If not, "
+STATE_WORKSPACE = Remedy(
+    f"{_IN_ANOTHER_FRAME}state the workspace of the cell with --cell",
+    f"{_IN_ANOTHER_FRAME}the workspace of the cell is another: state it where the program is run",
+)
 EDGE_M = 0.01  # from the edge of the workspace
 NEARLY_ALL, OF_AT_LEAST = 0.8, 2  # share of the targets outside, and targets, of which the frame is doubtful
 
@@ -64,13 +70,13 @@ def _in_another_frame(count: int, placed: int, first: int, target: Vector | None
         f"{axis} {least:g} to {most:g} m" for axis, (least, most) in zip("xyz", _sides(safety), strict=True)
     )
     likely = likely_length_unit(target)
-    why = (
-        "Were they stated in another base frame? If not, state the workspace of the cell with --cell"
-        if likely is None
-        else f"They are probably in {likely}"
-    )
     reason = (
         f"{count} of {placed} targets are outside of the workspace, {box}, such as app {first + 1} at "
-        f"{in_mm(target)}. {why}"
+        f"{in_mm(target)}"
     )
-    return Finding("error", None, None, reason)
+    found = Finding("error", None, None, reason)
+    return (
+        STATE_WORKSPACE.of(found)
+        if likely is None
+        else replace(found, reason=f"{reason}. They are probably in {likely}")
+    )

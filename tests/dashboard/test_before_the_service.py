@@ -40,6 +40,11 @@ def test_a_dashboard_before_its_service_names_what_to_start_and_connects_by_itse
         expect(page.locator(".program .empty")).to_have_text(
             "The service does not answer: what was taught is not known."
         )
+        page.goto(f"{dashboard.url}/sessions")
+        expect(page.locator(".empty")).to_have_text(
+            "The service does not answer: which sessions it has is not known."
+        )
+        expect(page.locator(".summary"), "it was 0 sessions").to_have_text("")
         page.goto(dashboard.url)
         expect(banner).to_contain_text("no router at")
         with running(service), closing(Bridges(service, tmp_path)) as bridges:

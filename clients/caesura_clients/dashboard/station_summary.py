@@ -54,6 +54,11 @@ class DashboardState:
         """The reason why the content may be out of date; empty if there is none."""
         return next(iter(self.troubles.values()), "")
 
+    @property
+    def answers(self) -> bool:
+        """Whether an instance of the service is alive and can be reached."""
+        return bool(self.alive) and not self.trouble
+
     def stations(self) -> list[str]:
         """Return all stations with a bridge or a session, sorted."""
         return sorted({station for station, _ in self.updates} | self.bridges)

@@ -145,7 +145,7 @@ class RecordingDrop(LiveElement, component="web/recordings.js"):
 
 
 class SessionList(LiveElement, component="web/session_list.js"):
-    """Sessions with search, filters and order: {warning, damaged, sessions}.
+    """Sessions with search, filters and order: {warning, answers, damaged, sessions}.
 
     on_older: called to load older sessions. on_ask: called with {station, request} to delete or restore one.
     """

@@ -144,7 +144,7 @@ class SessionPage:
             self._start_stop.show(self._controls() | state)
         self._form.show(self._description())
         self._view.follow(update, self._more(update))
-        self._program.set_answered(answers=bool(world.alive) and not world.trouble)
+        self._program.set_answered(answers=world.answers)
         if update is None:
             self._program.forget()
         else:

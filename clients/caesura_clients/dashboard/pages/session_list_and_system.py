@@ -78,7 +78,8 @@ def _build(site: Site, title: str, path: str, shown: Callable[[DashboardState], 
 
 
 def _sessions(world: DashboardState) -> dict[str, Any]:
-    return {"warning": world.trouble, "damaged": damaged(world), "sessions": sessions(world)}
+    found = {"damaged": damaged(world), "sessions": sessions(world)}
+    return {"warning": world.trouble, "answers": world.answers, **found}
 
 
 def _system(world: DashboardState) -> dict[str, Any]:

@@ -28,7 +28,7 @@ export default {
   data: () => ({
     changed: null, isDeleting: false, outcome: "", refused: false, made: {},
     asking: false, message: "", failed: false,
-    warning: "", damaged: [], sessions: null, words: "", chosen: [], station: "", success: "", deleted: false, by: "opened", falling: true, columns: COLUMNS, most: MOST,
+    warning: "", answers: true, damaged: [], sessions: null, words: "", chosen: [], station: "", success: "", deleted: false, by: "opened", falling: true, columns: COLUMNS, most: MOST,
   }),
   created() {
     const [{ type } = {}] = performance.getEntriesByType("navigation");
@@ -66,7 +66,7 @@ export default {
             @click="ask(one, !one.deleted)">{{ one.deleted ? "Restore" : "Delete" }}</button></td>
         </tr></tbody></table>
       </div>
-      <p v-else-if="sessions" class="empty">{{ sessions.length ? "No session is like that." : "No session is known." }}</p>
+      <p v-else-if="sessions" class="empty">{{ sessions.length ? "No session is like that." : !answers ? "The service does not answer: which sessions it has is not known." : "No session is known." }}</p>
       <section v-if="damaged.length" class="damaged-sessions" role="status"><h2>Sessions whose results cannot be shown</h2>
         <ul><li v-for="line in damaged" :key="line">{{ line }}</li></ul></section>
       <p class="older-line"><button class="older" :aria-disabled="asking" @click="older">Older sessions</button>
@@ -97,6 +97,7 @@ export default {
       return "/datasets?" + this.closed.map((one) => "session=" + this.nameOf(one)).join("&");
     },
     summary() {
+      if (!this.answers && !this.known.length) return "";
       const all = this.known.filter((one) => this.deleted || !one.deleted).length;
       const count = `${all} session${all === 1 ? "" : "s"}`;
       return this.found.length === all ? count : `${this.found.length} of ${count}`;
@@ -149,7 +150,7 @@ export default {
       this.chosen = this.chosen.includes(name) ? this.chosen.filter((one) => one !== name) : [...this.chosen, name].slice(-2);
     },
     apply(payload) {
-      this.warning = payload.warning;
+      Object.assign(this, { warning: payload.warning, answers: payload.answers });
       this.damaged = payload.damaged;
       this.sessions = Object.freeze(payload.sessions);
     },

@@ -108,7 +108,7 @@ def open_first(page: Page) -> Locator:
 
 def undo_the_edit(page: Page) -> None:
     page.locator(".undo-edit").press("Enter")
-    expect(page.locator(".program-said")).to_contain_text("Undone: '")
+    expect(page.locator(".program-said")).to_contain_text("Undone: app")
 
 
 def apps(caesura: Caesura) -> list[str]:

@@ -147,7 +147,7 @@ def test_a_message_of_two_lines_covers_no_field_and_no_notes(stage: Stage, visit
     card.locator(".app-note").fill("slowly")
     card.locator(".save").press("Enter")
     said, notes = page.locator(".program-said"), page.locator(".program-notes")
-    expect(said).to_contain_text("of the pump' at 0.9 s: name set, note set.")
+    expect(said).to_contain_text("of the pump): name set, note set.")
     visitor.picture("covered-program")
     assert said.evaluate("(one) => one.offsetHeight > 1.5 * parseFloat(getComputedStyle(one).lineHeight)")
     assert bottom(said) <= top(notes)

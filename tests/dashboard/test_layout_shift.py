@@ -432,6 +432,7 @@ def test_a_simulation_moves_neither_its_buttons_nor_the_drawing(stage: Stage, op
     simulate, cancel, said = (
         page.locator(f".{name}") for name in ("simulate", "cancel-simulation", "simulated")
     )
+    page.locator(".program-path canvas").scroll_into_view_if_needed()
     expect(page.locator(".measured-said")).to_contain_text("samples")
     before = path_places(page)
     expect(cancel).to_be_hidden()

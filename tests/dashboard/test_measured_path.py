@@ -33,6 +33,7 @@ expect.set_options(timeout=PATIENCE_MS)
 SENT = guided()
 GAP_S = (1.2, 1.8)  # in which nothing is measured
 ROUNDED_S = 1e-3  # by which the page rounds the times of segments
+PATH = ".program-path canvas"
 RUNS = "() => document.querySelector('.program-path canvas').path.runs"
 IMPORTED = """async ([points, segments, holes]) => {
   const { placesOf, runsOf } = await import("caesura-dashboard/measured_path.js");
@@ -50,7 +51,8 @@ def visitor(opened: Visitor) -> Iterator[Visitor]:
 
 
 def runs_of(page: Page, count: int) -> list[dict[str, Any]]:
-    """What is drawn, once the page says that it has so many samples."""
+    """What is drawn in sight, once the page says that it has so many samples."""
+    page.locator(PATH).scroll_into_view_if_needed()
     expect(page.locator(".measured-said")).to_contain_text(f"Measured: {count} samples")
     settled(page)
     return list(page.evaluate(RUNS))
@@ -71,8 +73,13 @@ def test_every_sample_is_drawn_in_the_colour_of_its_segment(tmp_path: Path, visi
     with running(ServiceProcess(journal)) as service, running(Dashboard(service.endpoint)) as dashboard:
         with closing(Bridges(service, tmp_path)) as bridges, bridges.reader() as caesura:
             segments = caesura.snapshot("cell-1", "over").segments.segments
+        exact: list[str] = []
+        page.on("request", lambda request: exact.append(request.url) if "exact=1" in request.url else None)
         page.goto(f"{dashboard.url}/sessions/cell-1/over")
         settled(page)
+        expect(page.locator(PATH)).not_to_be_in_viewport()
+        page.wait_for_timeout(1000)
+        assert exact == [], "nothing is asked for that is not in sight: a minute at 1 kHz is a megabyte"
         runs = runs_of(page, len(sent.t))
         check_measured(runs, sent)
         assert [run["kind"] for run in runs if run["kind"]] == [one.kind for one in segments]
@@ -118,6 +125,7 @@ def test_while_a_demonstration_goes_on_the_page_says_that_the_path_comes_at_its_
             bridge.send(rows[start : start + 100])
         visitor.page.goto(f"{stage.dashboard.url}/station/cell-live")
         said = visitor.page.locator(".measured-said")
+        visitor.page.locator(PATH).scroll_into_view_if_needed()
         expect(said).to_have_text("The measured path is drawn once the demonstration has ended.")
         bridge.finish()
         check_measured(runs_of(visitor.page, len(SENT.t)), SENT)
@@ -162,6 +170,7 @@ def test_the_measured_path_comes_once_the_service_answers_again(stage: Stage, vi
     page.route(exact, lambda route: route.fulfill(status=503, body="no service answers"))
     page.goto(f"{stage.dashboard.url}/sessions/cell-again/over")
     said = page.locator(".measured-said")
+    page.locator(PATH).scroll_into_view_if_needed()
     expect(said).to_have_text("The measured path cannot be shown: no service answers")
     page.unroute(exact)
     check_measured(runs_of(page, len(SENT.t)), SENT)
@@ -179,6 +188,7 @@ def test_a_session_longer_than_a_minute_asks_to_zoom_in(stage: Stage, visitor: V
     page = visitor.page
     page.goto(f"{stage.dashboard.url}/sessions/cell-long/over")
     said = page.locator(".measured-said")
+    page.locator(PATH).scroll_into_view_if_needed()
     expect(said).to_have_text("The measured path is drawn where the plots show at most 64 s: zoom in.")
     page.get_by_role("button", name="Zoom in").press("Enter")
     expect(said).to_contain_text("Measured: ")

@@ -2,13 +2,15 @@
 // a place that the robot reported, in the colour of its segment. No line leads across missing samples.
 //
 // An answer has the extremes of each column alone. Where its bins are as narrow as two samples, that is every sample,
-// and the three columns share their times; a time that they do not share is left out.
+// and the three columns share their times; a time that they do not share is left out. A minute of them is a megabyte:
+// they are asked for once the drawing comes into sight.
 import { load } from "caesura-dashboard/signals.js";
 
 export const SHOWN = "caesura-shown", ASKED = "caesura-shown-asked"; // events: what the plots show, and the question for it
 const COLUMNS = ["px", "py", "pz"], MM = 1000;
 const BINS = 4096, PART_S = 8; // of one query: bins of 2 ms, two samples of a robot at 1 kHz
 const LONGEST_S = 64, MOST = 4000; // places that are drawn
+const NEAR = "100px"; // of the window, where a drawing is about to be seen
 const WAIT_MS = 300, AGAIN_MS = 1000, EPS_S = 1e-6;
 
 // Places [t, x, y, z] at the times that all three columns have.
@@ -61,11 +63,17 @@ export const measuredPath = {
   },
   watch: { runs: "draw" },
   mounted() {
+    this.sight = new IntersectionObserver((seen) => {
+      this.isInSight = seen.at(-1).isIntersecting;
+      if (this.isInSight && this.isDue) this.measure();
+    }, { rootMargin: NEAR });
+    this.sight.observe(this.$refs.canvas);
     window.addEventListener(SHOWN, this.follow);
     window.dispatchEvent(new CustomEvent(ASKED));
   },
   unmounted() {
     window.removeEventListener(SHOWN, this.follow);
+    this.sight.disconnect();
     clearTimeout(this.due);
   },
   methods: {
@@ -79,6 +87,8 @@ export const measuredPath = {
       else this.due = setTimeout(() => this.measure(), WAIT_MS);
     },
     async measure() {
+      this.isDue = !this.isInSight;
+      if (this.isDue) return;
       this.isLate = this.measuring; // one question at a time, then one for what is shown by then
       if (this.measuring || !this.plotted.closed) return;
       const asked = this.plotted, { from, to } = asked;

@@ -209,12 +209,18 @@ def test_a_contact_that_pushes_back_from_its_start_has_no_approach(pushed_s: flo
     assert all(path.tn > path.start.t for path in paths)
 
 
-@pytest.mark.parametrize(("slid_m", "ends_m"), [(0.012, 0.0), (0.03, 0.03)], ids=["it bounces", "it knocks"])
-def test_a_way_to_a_contact_ends_where_the_tool_first_touches(slid_m: float, ends_m: float) -> None:
+@pytest.mark.parametrize(
+    ("slid_m", "hit_s", "ends_m"),
+    [(0.012, 0.1, 0.0), (0.03, 0.1, 0.03), (0.012, 0.2, 0.012)],
+    ids=["it bounces", "it knocks", "it drags"],
+)
+def test_a_way_to_a_contact_ends_where_the_tool_hits_and_bounces(
+    slid_m: float, hit_s: float, ends_m: float
+) -> None:
     """A peg touched, bounced 12 mm on, and was pressed: its robot stopped where it touched, 11 mm before."""
 
     def at(t: float) -> Moment:
-        pushed_n = 8.0 if t >= 2.0 or 1.6 < t < 1.7 else 0.0
+        pushed_n = 8.0 if t >= 2.0 or 1.6 < t < 1.6 + hit_s else 0.0
         way = (slid_m * min(max((t - 1.65) / 0.35, 0.0), 1.0), 0.0, 0.1 * max(1.65 - t, 0.0))
         return replace(drifted(t, pushed_n=pushed_n), position=way)
 

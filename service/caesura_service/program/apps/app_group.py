@@ -133,20 +133,21 @@ class AppGroup:
     def touched(self, contact: ProgramSegment, approach: Segment | None = None) -> AppEnd:
         """Return the first time and pose at which a contact pushes back.
 
-        That may be before the contact, at the end of `approach`: on its last `DECAY_REACH_M` the tool may
-        bounce, and a robot stops where it first touches. If none pushes back, it is the first observation, or
-        the end of a contact that begins with its approach: its touch lies after the last one.
+        That may be before the contact, at the end of `approach`. On its last `DECAY_REACH_M` the tool may hit
+        and bounce: one observation pushes back, and a robot stops there. If none pushes back, it is the first
+        observation, or the end of a contact that begins with its approach: its touch lies after the last one.
         """
         pushes = pushes_back(contact.parts[0], self.moment_at)
         first = contact.segment.tn if contact.arrives else observed(contact.t0, contact.tn)[0]
         begin = contact.t0 if approach is None else approach.tn
         before = [] if approach is None else observed(approach.t0, approach.tn)
+        early = list(takewhile(pushes, reversed(before)))
         place = self.moment_at(begin).position
-        nearest = takewhile(
-            lambda t: pushes(t) or math.dist(self.moment_at(t).position, place) < DECAY_REACH_M,
-            reversed(before),
+        near = takewhile(
+            lambda t: math.dist(self.moment_at(t).position, place) < DECAY_REACH_M, reversed(before)
         )
-        early = list(filter(pushes, nearest))
+        hits = list(filter(pushes, near))
+        early = hits if len(hits) == 1 and not early else early
         t = early[-1] if early else next(filter(pushes, observed(begin, contact.tn)), first)
         return AppEnd(t, pose_fields(self.moment_at(t)))
 

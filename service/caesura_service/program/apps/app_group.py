@@ -147,7 +147,7 @@ class AppGroup:
             lambda t: math.dist(self.moment_at(t).position, place) < DECAY_REACH_M, reversed(before)
         )
         hits = list(filter(pushes, near))
-        early = hits if len(hits) == 1 and not early else early
+        early = early or (hits if len(hits) == 1 else [])
         t = early[-1] if early else next(filter(pushes, observed(begin, contact.tn)), first)
         return AppEnd(t, pose_fields(self.moment_at(t)))
 

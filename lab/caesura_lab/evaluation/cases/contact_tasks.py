@@ -45,6 +45,7 @@ Array = NDArray[np.float64]
 UP = np.array([0.0, 0.0, 1.0])
 ROUNDED_S = 0.02  # by which a hand rounds the joins of its movements
 TOUCHED_S = 0.05  # within which a surface takes up the unsteadiness of a hand, or leaves it
+SETTLED_S = 4.0  # of a force, before it is used: its deviation is that of more than a brief press
 TURN_UP_S = 0.15  # of a torque
 SWAY_RAD, SWAY_HZ = 0.0025, 0.5  # of a hand's orientation
 TOOL_KG = 0.3  # whose inertia the sensor feels
@@ -123,8 +124,8 @@ class _Task:
 
     def push(self, n: int, mean_n: float, on_s: float, off_s: float) -> Array:
         """Return (n,) forces [N] that vary about a mean, and set in and cease within on_s and off_s [s]."""
-        t = STEP_S * np.arange(n)
-        varied = mean_n * np.exp(0.2 * wander(n, 1.0, self.rng))
+        t, settled = STEP_S * np.arange(n), round(SETTLED_S * RATE_HZ)
+        varied = mean_n * np.exp(0.2 * wander(n + settled, 1.0, self.rng)[settled:])
         for edge_s, since in ((on_s, t), (off_s, t[::-1])):
             varied *= minimum_jerk(np.clip(since / edge_s, 0.0, 1.0)) if edge_s else 1.0
         return varied

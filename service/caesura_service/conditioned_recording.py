@@ -19,7 +19,8 @@ from caesura_service.changepoint.filter_interface import ChangepointFilter
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.turn_resistance import torsion_of
 from caesura_service.offline_segmentation import opening_of, parts_of
-from caesura_service.segmentation.observation_store import force_scale, holding, turned_upright
+from caesura_service.segmentation.load_inertia import RESTING, Acceleration
+from caesura_service.segmentation.observation_store import force_scale, holding, upright_input
 from caesura_service.segmentation.opening_layout import layout_of
 from caesura_service.segmentation.segmenter import filter_of
 from caesura_service.signals import Conditioner, ConditioningParameters, Observation, SampleLayout
@@ -39,8 +40,11 @@ class ConditionedRecording:
     @cached_property
     def inputs(self) -> list[ModelInput]:
         """The input of the segment models at each observation."""
-        upright = upright_rotation(self.layout.up)
-        return [observed(observation, upright) for observation in self.observations]
+        upright, acceleration = upright_rotation(self.layout.up), Acceleration()
+        return [
+            observed(one, upright, acceleration.next(one.velocity_base, after_gap=one.after_gap))
+            for one in self.observations
+        ]
 
     @property
     def stretches(self) -> list[list[ModelInput]]:
@@ -79,8 +83,14 @@ def condition(recording: Recording, parameters: ConditioningParameters | None = 
     return ConditionedRecording(tuple(observations), conditioner.layout, conditioner.tare is not None)
 
 
-def observed(observation: Observation, upright: NDArray[np.float64] | None = None) -> ModelInput:
+def observed(
+    observation: Observation,
+    upright: NDArray[np.float64] | None = None,
+    acceleration: NDArray[np.float64] = RESTING,
+) -> ModelInput:
     """Return an observation as the input of the segment models; upright: as in `ObservationStore`.
+
+    acceleration: (3,) [m/s²] of the flange in the base frame.
 
     It does not use the rows of a session, so that tests can compare both.
     """
@@ -88,4 +98,4 @@ def observed(observation: Observation, upright: NDArray[np.float64] | None = Non
     rotation = UNTURNED if observation.rotation is None else observation.rotation
     torsion = torsion_of(observation.force_base, observation.torque_base)
     seen = ModelInput(observation.position_base, force, holding(observation), rotation, torsion)
-    return turned_upright(seen, upright)
+    return upright_input(seen, acceleration, upright)

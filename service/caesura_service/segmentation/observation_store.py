@@ -19,6 +19,7 @@ from caesura_service.coaching import ObservedPose
 from caesura_service.constants import HANDS_BREADTH_M, JOINTS_MOST, REST_M_PER_S, TARED_BIAS_N, UP
 from caesura_service.program import Moment
 from caesura_service.program.forces.pressed_force import pressed_from
+from caesura_service.segmentation.load_inertia import Acceleration, without_load_inertia
 from caesura_service.segmentation.overflow_file import AppendLog
 from caesura_service.segmentation.screw_motion_fit import Course
 from caesura_service.signals import Observation
@@ -30,7 +31,8 @@ _T, _POSITION, _FORCE = 0, slice(1, 4), slice(4, 7)
 _SUMS, _HOLDING, _AFTER_GAP, _GRIPPER = slice(7, 9), 9, 10, 11
 _ORIENTATION, _JOINTS = slice(12, 16), slice(16, 16 + JOINTS_MOST)  # nan where unknown, as the gripper
 _SCALE, _ROTATION, _TORQUE, _BOUNDARY = 24, slice(25, 28), slice(28, 31), 31
-_STATES, _CHANGES, _COLUMNS = 32, 33, 34  # of the gripper so far: those that are known, and their changes
+_STATES, _CHANGES = 32, 33  # of the gripper so far: those that are known, and their changes
+_ACCELERATION, _COLUMNS = slice(34, 37), 37
 _ROW = struct.Struct(f"{_COLUMNS}d")
 _NO_ORIENTATION, _NO_JOINTS, _UNTURNED = (np.nan,) * 4, (np.nan,) * JOINTS_MOST, (0.0,) * 3
 _NO_TORQUE = (np.nan,) * 3
@@ -54,6 +56,7 @@ class ObservationStore:
         self._upright = upright
         self._up = UP if upright is None else tuple(upright[2].tolist())
         self._log, self._count = AppendLog(), 0  # observations
+        self._acceleration = Acceleration()
         self._sum = self._sum2 = 0.0  # of the vertical force [N] and its square [N²]
         self._states = self._changes = 0  # of the gripper
         self._state = np.nan  # the last one that is known
@@ -75,6 +78,7 @@ class ObservationStore:
         self._sum += vertical_n
         self._sum2 += vertical_n * vertical_n
         self._count_state(state := holding(observation))
+        acceleration = self._acceleration.next(observation.velocity_base, after_gap=observation.after_gap)
         orientation, joints, width = observation.orientation, observation.joints, observation.gripper_width
         self._log.append(
             _ROW.pack(
@@ -94,6 +98,7 @@ class ObservationStore:
                 np.nan if observation.boundary_before is None else observation.boundary_before,
                 self._states,
                 self._changes,
+                *acceleration.tolist(),
             )
         )
         self._count += 1
@@ -123,7 +128,7 @@ class ObservationStore:
         torque = None if math.isnan(row[_TORQUE.start]) else np.array(row[_TORQUE])
         torsion, position = torsion_of(force, torque), np.array(row[_POSITION])
         found = ModelInput(position, force / row[_SCALE], row[_HOLDING], rotation, torsion)
-        return turned_upright(found, self._upright)
+        return upright_input(found, np.array(row[_ACCELERATION]), self._upright)
 
     def after_gap(self, index: int) -> bool:
         """Whether samples are missing before an observation."""
@@ -323,6 +328,18 @@ def turned_upright(seen: ModelInput, upright: Array | None) -> ModelInput:
         np.column_stack([seen.position, seen.force, seen.rotation, seen.torsion])
     ).T.copy()
     return ModelInput(position, force, seen.holding, rotation, torsion)
+
+
+def upright_input(seen: ModelInput, acceleration: Array, upright: Array | None) -> ModelInput:
+    """Return a model input as by `turned_upright`, without the inertia of what the fingers hold.
+
+    acceleration: (3,) [m/s²] of the flange in the base frame.
+    """
+    turned = turned_upright(seen, upright)
+    if seen.holding != 1.0:
+        return turned
+    lifted = acceleration if upright is None else upright.dot(acceleration)
+    return turned._replace(force=without_load_inertia(turned.force, lifted))
 
 
 def force_scale(observation: Observation) -> float:

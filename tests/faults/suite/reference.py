@@ -20,6 +20,7 @@ from caesura_service.changepoint.segments import InferredSegment, stretches
 from caesura_service.conditioned_recording import observed
 from caesura_service.constants import GRID_HZ, TARED_BIAS_N
 from caesura_service.offline_segmentation import opening_of
+from caesura_service.segmentation.load_inertia import Acceleration
 from caesura_service.segmentation.opening_layout import layout_of
 from caesura_service.segmentation.pipeline_interface import PipelineView
 from caesura_service.signals import Conditioner, Observation
@@ -52,9 +53,11 @@ def by_reference(recording: Recording) -> list[ComparedSegment]:
         orientation=layout.has_orientation,
         bias_n=TARED_BIAS_N,
     )
-    online = RunLengthFilter(lattice, preset.hazard, preset.filter)
+    online, acceleration = RunLengthFilter(lattice, preset.hazard, preset.filter), Acceleration()
     for observation in observations:
-        online.step(observed(observation), boundary=observation.after_gap)
+        accelerated = acceleration.next(observation.velocity_base, after_gap=observation.after_gap)
+        seen = observed(observation, acceleration=accelerated)
+        online.step(seen, boundary=observation.after_gap)
     places = _places(observations)
     return [_part_between(observations, places[one.start], places[one.end], one) for one in stretches(online)]
 

@@ -501,6 +501,20 @@ def test_an_object_that_its_support_carries_as_the_fingers_open_was_set_down() -
     assert made[-1].force_taught == pytest.approx((0.0, 0.0, -9.8), abs=0.1)
 
 
+def test_open_fingers_that_move_aside_of_what_they_have_set_down_press_nothing() -> None:
+    """The force before the contact was the weight of 1 kg, and its loss was a press of 9.8 N on the way."""
+    load, place, aside = {"load_kg": 1.0, "load_sd_kg": 0.02}, (0.0, 0.0, 0.3), (0.06, 0.0, 0.3)
+    made = program(
+        segment("transport", 1.0, 3.0, **load),
+        segment("contact", 3.0, 4.4, force_held=(0.0, 0.0, 0.0), position_start=place, position_end=place),
+        segment("motion", 4.4, 5.4, position_start=place, position_end=aside),
+        segment("steady", 5.4, 6.0, position_start=aside, position_end=aside),
+        grips=(GRASP, replace(RELEASE, t=3.8)),
+        at=lambda t: replace(stopping_at(t), force=(0.0, 0.0, -9.8 if t < 3.0 else 0.0)),
+    )
+    assert kinds(made) == ["grasp", "transport", "gripper_move", "cartesian_motion"]
+
+
 def test_what_pushes_back_on_the_last_way_to_a_contact_is_no_bias_of_the_sensor() -> None:
     """A hand skidded 10 mm with 4 N, which was inferred as a movement in the air, and pressed with 9 N.
 

@@ -78,9 +78,12 @@ def still_touching(
 
     A step in which the held load becomes heavier has lifted it off its support: it is unchanged. The force
     may turn: a step at the same place is in contact with a force of `UNLIKE_N` in any direction, which is not
-    that of a load that is gone. last: the last step kept.
+    that of a load that is gone. Once the fingers have let go of a load in the contact, its base has
+    none. last: the last step kept.
     """
     base = _without(_fallen_weight(last, step, context), base_after(last, context))
+    if _has_let_go(contact, step, context):
+        base = _without_load(base, context)
     normal, forces = direction(replace(contact, base=base).force), _felt(step, context)
     changed = _changed(forces, base, context)
     if holds(step, context.grips) and _is_lifted(step, changed, context):
@@ -91,6 +94,13 @@ def still_touching(
     if length(_changed(forces, _without_load(base, context), context)) < UNLIKE_N:
         return touching
     return _touching(direction(changed), UNLIKE_N, base, step, forces, context)
+
+
+def _has_let_go(contact: ProgramSegment, step: ProgramSegment, context: Context) -> bool:
+    """Return whether the fingers let go in a contact, before a step in which they hold nothing."""
+    began, ended = contact.segment.t0, step.segment.t0
+    opened = any(grip.kind == "release" and began < grip.t <= ended for grip in context.grips)
+    return opened and holds(step, context.grips) is False
 
 
 def _without_load(base: Vector, context: Context) -> Vector:

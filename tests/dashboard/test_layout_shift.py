@@ -494,8 +494,9 @@ def test_the_menu_of_corrections_leaves_the_segment_in_sight(stage: Stage, over:
             page.mouse.click(x, row["y"] + row["height"] - 4, button="right")
             menu.locator(".is-kind").nth(3).focus()
             expect(menu.locator(".effect")).to_contain_text("Preview")
-            box = menu.bounding_box()
+            box, row = menu.bounding_box(), band.bounding_box()
             assert box is not None
+            assert row is not None
             is_beside = box["x"] >= right or box["x"] + box["width"] <= left
             is_off_band = box["y"] >= row["y"] + row["height"] or box["y"] + box["height"] <= row["y"]
             assert is_beside or is_off_band, f"{t0} to {tn} s at {size}: {box}, {row}"

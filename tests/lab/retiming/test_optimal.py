@@ -333,7 +333,7 @@ def test_movements_of_arms_with_little_jerk_take_half_the_time(name: str, moves:
 
 
 def test_a_program_is_timed_with_few_inverse_kinematics(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An xArm's movements were looked at in 22 rounds, with the joints of 11,949 poses."""
+    """An xArm's movements were looked at in 22 rounds, with the joints of 2400 poses an app."""
     solved: list[int] = []
     along = Robot.joints_along
 
@@ -342,8 +342,9 @@ def test_a_program_is_timed_with_few_inverse_kinematics(monkeypatch: pytest.Monk
         return along(robot, poses, q_start)
 
     monkeypatch.setattr(Robot, "joints_along", counted)
-    optimal(_taught_on("xarm7"), robot=load_robot("xarm7"))
-    assert 500 < sum(solved) < 5000
+    program = _taught_on("xarm7")
+    optimal(program, robot=load_robot("xarm7"))
+    assert 100 < sum(solved) / len(program.apps) < 1000
 
 
 @pytest.mark.parametrize("name", MEET)

@@ -34,6 +34,7 @@ from caesura_lab.evaluation.cases.free_movements import (
     seen_s,
     unsteady,
     wander,
+    wander_3d,
 )
 from caesura_lab.evaluation.cases.seeded_case import SeededCase
 from caesura_lab.ground_truth import TrueChangepoint, TrueSegment, Truth
@@ -190,10 +191,10 @@ class _Task:
         error = unsteady(path, self.rng) - path
         error[:, 2] *= free
         given = push[:, None] * UP / self.between(3e3, 2e4)  # of the surface, by its stiffness [N/m]
-        sway = Rotation.from_rotvec(SWAY_RAD * free[:, None] * _wander3(len(path), SWAY_HZ, self.rng))
+        sway = Rotation.from_rotvec(SWAY_RAD * free[:, None] * wander_3d(len(path), SWAY_HZ, self.rng))
         turned = sway * Rotation.concatenate(self._turns)
-        force = self._force(path, push) + BIAS_N * _wander3(len(path), BIAS_HZ, self.rng)
-        torque += BIAS_NM * _wander3(len(path), BIAS_HZ, self.rng)
+        force = self._force(path, push) + BIAS_N * wander_3d(len(path), BIAS_HZ, self.rng)
+        torque += BIAS_NM * wander_3d(len(path), BIAS_HZ, self.rng)
         noise_n = self.between(0.05, 0.2)
         signals = {
             "pos": path + error - given,
@@ -225,11 +226,6 @@ def _share(seconds: float) -> Array:
     n = round(seconds * RATE_HZ)
     share: Array = np.arange(1, n + 1) / n
     return share
-
-
-def _wander3(n: int, cut_hz: float, rng: np.random.Generator) -> Array:
-    values: Array = np.column_stack([wander(n, cut_hz, rng) for _ in range(3)])
-    return values
 
 
 def _press(task: _Task) -> None:

@@ -125,8 +125,8 @@ def _dip(speed: Array, i: int) -> float:
 def unsteady(path: Array, rng: np.random.Generator) -> Array:
     """Return a path as a hand makes it, and a sensor measures it: (n, 3) [m]."""
     effort = UNSTEADY_M * np.minimum(_speed(path) / 0.1, 1.5) ** 0.7
-    error = effort[:, None] * np.column_stack([wander(len(path), 2.0, rng) for _ in range(3)])
-    sway = SWAY_M * np.column_stack([wander(len(path), 0.5, rng) for _ in range(3)])
+    error = effort[:, None] * wander_3d(len(path), 2.0, rng)
+    sway = SWAY_M * wander_3d(len(path), 0.5, rng)
     smooth: Array = gaussian_filter1d(error, 0.05 * RATE_HZ, axis=0)
     return path + smooth + sway + NOISE_M * rng.normal(size=path.shape)
 
@@ -140,6 +140,12 @@ def wander(n: int, cut_hz: float, rng: np.random.Generator) -> Array:
         values = lfilter([1.0 - pole], [1.0, -pole], values)
     unit: Array = values[settled:] / values[settled:].std()
     return unit
+
+
+def wander_3d(n: int, cut_hz: float, rng: np.random.Generator) -> Array:
+    """Return (n, 3) values of three processes as of `wander`."""
+    values: Array = np.column_stack([wander(n, cut_hz, rng) for _ in range(3)])
+    return values
 
 
 def _corners_by_chance(position: Array, points: list[TrueChangepoint]) -> list[TrueChangepoint]:

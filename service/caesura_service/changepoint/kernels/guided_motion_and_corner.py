@@ -192,8 +192,9 @@ def log_corner_weight(past, squared, age, chord, reach, channel):
         return 0.0
     turn = math.degrees(math.acos(min(max(product / (length_before * length_after), -1.0), 1.0)))
     dipped = (channel.dip - math.sqrt(squared[age] / peak2)) / channel.dip_width
-    slowest2 = smallest(squared, 0, age + 1 + chord)
-    flight = min(slowest2 / channel.fast2, 1.0) if channel.fast2 else 1.0
+    flight = 1.0
+    if channel.fast2:
+        flight = min(smallest(squared, 0, age + 1 + chord) / channel.fast2, 1.0)
     gamma = channel.standing + (channel.gamma - channel.standing) * flight
     weight = gamma * turned(turn, channel) * logistic(dipped)
     if channel.straight:

@@ -8,7 +8,7 @@ from pathlib import Path
 from caesura_service.journal import JournalSettings, Record, SqliteJournal
 from harness.sessions import NAME, STATION, batch
 
-NEVER = JournalSettings(commit_s=3600.0)  # but when told to
+NEVER = JournalSettings(commit_s=3600.0)  # but at `flush`
 
 
 def record(seq: int, session: str = NAME) -> Record:

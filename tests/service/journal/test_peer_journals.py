@@ -9,14 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from caesura_service.journal import JournalSettings, PeerJournals, Record, SqliteJournal
+from caesura_service.journal import PeerJournals, Record, SqliteJournal
 from caesura_service.journal.peer_journals import open_for_reading
 from caesura_service.journal.rows import copies_in, epoch_in
 from caesura_service.journal.sqlite_database import open_database
 from caesura_service.journal.sqlite_statements import SCHEMA_VERSION
 from harness.sessions import NAME, STATION, batch, batches, closing, new_registry, opening
-
-NEVER = JournalSettings(commit_s=3600.0)  # but when told to
+from service.journal.journal_files import NEVER
 
 
 @pytest.fixture

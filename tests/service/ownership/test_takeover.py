@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack, SessionStatus
-from caesura_service.journal import JournalError, JournalSettings, PeerJournals, SqliteJournal
+from caesura_service.journal import JournalError, PeerJournals, SqliteJournal
 from caesura_service.ownership.registry import Registry
 from caesura_service.ownership.takeover import NotRecordedError
 from caesura_service.publishing.events import (
@@ -43,10 +43,10 @@ from harness.sessions import (
     published,
     unowned,
 )
+from service.journal.journal_files import NEVER
 
 COUNT = 16
 BATCHES = batches(COUNT)
-NEVER = JournalSettings(commit_s=3600.0)  # but when told to
 
 
 class RestartableRegistry:

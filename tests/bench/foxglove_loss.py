@@ -3,7 +3,8 @@
 A bridge sends ten minutes at 100 Hz over Zenoh to a real service, faster than real time, while a viewer that
 speaks Foxglove's protocol receives every channel of the command. Exits 1 where a sample is missing, doubled,
 changed or out of order. Then a station is taught in real time, in turns with the command beside it and
-without: how long after its sample a result arrives.
+without: how long after its batch a result arrives. There the viewer has a process of its own, so that it does
+not delay what measures. Differences have 95 % intervals, by a bootstrap over turns.
 Usage: python tests/bench/foxglove_loss.py [--seconds 600] [--pace 20] [--turns 6]
 """
 
@@ -13,10 +14,13 @@ import argparse
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
+from multiprocessing import get_context
+from multiprocessing.synchronize import Event
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +40,7 @@ from harness.foxglove import Viewer, viewing
 from harness.processes import CAESURA, QUICK, eventually, serving, started
 
 STATION, EVERY, TURN_S, WARM_UP_S = "cell-1", 2, 20.0, 3.0  # every second sample of 200 Hz
+RESAMPLES = 2000
 
 
 def recording(seconds: float) -> Recording:
@@ -46,15 +51,36 @@ def recording(seconds: float) -> Recording:
 
 
 @contextmanager
-def foxglove(endpoint: str) -> Iterator[Viewer]:
-    """The command, and a viewer that has subscribed to all of it."""
+def foxglove(endpoint: str) -> Iterator[int]:
+    """The command; the port on which it listens."""
     options = ("--station", STATION, "--port", "0", "--connect", endpoint)
     with started([*CAESURA, "foxglove", *options], stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
-        port = int(process.stdout.readline().split("ws://127.0.0.1:")[1].split(";")[0])
-        with viewing(port) as viewer:
-            assert viewer.subscribed.wait(30.0)
-            yield viewer
+        yield int(process.stdout.readline().split("ws://127.0.0.1:")[1].split(";")[0])
+
+
+@contextmanager
+def viewed(endpoint: str) -> Iterator[None]:
+    """The command, and the process of a viewer that has subscribed to all of it."""
+    context = get_context("spawn")
+    subscribed = context.Event()
+    with foxglove(endpoint) as port:
+        process = context.Process(target=view, args=(port, subscribed), daemon=True)
+        process.start()
+        try:
+            assert subscribed.wait(30.0)
+            yield
+        finally:
+            process.kill()
+            process.join()
+
+
+def view(port: int, subscribed: Event) -> None:
+    """Receive until the process is killed."""
+    with viewing(port) as viewer:
+        assert viewer.subscribed.wait(30.0)
+        subscribed.set()
+        threading.Event().wait()
 
 
 def wrong(sent: Recording, viewer: Viewer) -> list[str]:
@@ -73,7 +99,8 @@ def wrong(sent: Recording, viewer: Viewer) -> list[str]:
 
 def loss(caesura: Caesura, endpoint: str, seconds: float, pace: float) -> bool:
     sent = recording(seconds)
-    with foxglove(endpoint) as viewer:
+    with foxglove(endpoint) as port, viewing(port) as viewer:
+        assert viewer.subscribed.wait(30.0)
         began = time.monotonic()
         with Bridge(
             caesura.transport, STATION, FileSource(sent, pace=pace), session="long", settings=QUICK
@@ -117,15 +144,34 @@ def lags(caesura: Caesura, session: str) -> list[float]:
 
 def delay(caesura: Caesura, endpoint: str, turns: int) -> None:
     """Print the delay of results with the command and without it, in turns."""
-    found: dict[bool, list[float]] = {False: [], True: []}
+    without, beside = list[list[float]](), list[list[float]]()
     for turn in range(turns):
-        beside = turn % 2 == 1
-        with foxglove(endpoint) if beside else nullcontext():
-            found[beside] += lags(caesura, f"turn-{turn}")
-    for beside, many in found.items():
-        name = "beside a viewer" if beside else "without a viewer"
-        half, most = np.percentile(many, [50, 99])
-        print(f"{name}: {len(many)} results, delay {half:.2f} ms (median), {most:.2f} ms (99 %)")
+        with viewed(endpoint) if turn % 2 else nullcontext():
+            (beside if turn % 2 else without).append(lags(caesura, f"turn-{turn}"))
+    for name, own in (("without a viewer", without), ("beside a viewer", beside)):
+        half, most = percentiles(own)
+        print(f"{name}: {sum(map(len, own))} results, delay {half:.2f} ms (median), {most:.2f} ms (99 %)")
+    rng = np.random.default_rng(1)
+    more = [resampled(beside, rng) - resampled(without, rng) for _ in range(RESAMPLES)]
+    (half, most), bounds = (
+        percentiles(beside) - percentiles(without),
+        np.percentile(more, (2.5, 97.5), axis=0),
+    )
+    print(
+        f"beside a viewer later by {half:+.2f} ({bounds[0, 0]:+.2f} to {bounds[1, 0]:+.2f}) ms (median), ",
+        end="",
+    )
+    print(f"{most:+.2f} ({bounds[0, 1]:+.2f} to {bounds[1, 1]:+.2f}) ms (99 %)")
+
+
+def resampled(turns: Sequence[Sequence[float]], rng: np.random.Generator) -> np.ndarray:
+    """Return the percentiles of as many turns, drawn with replacement."""
+    return percentiles([turns[index] for index in rng.integers(len(turns), size=len(turns))])
+
+
+def percentiles(turns: Sequence[Sequence[float]]) -> np.ndarray:
+    """Return the median and the 99 % quantile (2,) [ms] of all turns."""
+    return np.percentile(np.concatenate(turns), (50.0, 99.0))
 
 
 def main() -> None:

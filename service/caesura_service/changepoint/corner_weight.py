@@ -29,6 +29,10 @@ class CornerWeight:
     A fast hand turns in less time than a slow one, so a corner has no fixed duration. Several `chords` are
     evaluated, and the largest weight counts (scale space: Lindeberg 1998).
 
+    A hand's steps err by `noise`, so the direction of a way of k steps and length L has an error of √k
+    noise/L. `turn` is what the errors of both ways do not explain: the sum of their squares is taken from its
+    square. A slow line bends by 30° and more without a corner.
+
     The log weight of a chord is 0 for the first `chord` observations of a segment, is updated up to `reach`,
     and then stays constant. It does not depend on observations after the segment.
 
@@ -42,8 +46,8 @@ class CornerWeight:
     gamma, standing [nats]; fast [unit] a step, 0 for `gamma` at any speed. pace [unit]: least step at a peak,
     and least mean step of the straight section on either side, because a hand at rest has no corners. After
     the start it is also the least mean step of the first `chord` observations: a hand that goes on later has
-    rested. channel: the position [m], or the rotation [rad], where a turn back, or a turn about another axis,
-    is a corner.
+    rested. noise [unit] of a step, 0 for exact directions. channel: the position [m], or the rotation [rad],
+    where a turn back, or a turn about another axis, is a corner.
     """
 
     gamma: float
@@ -54,6 +58,7 @@ class CornerWeight:
     dip_width: float = 0.08
     straight: float = 0.0  # 0: its ways may be curved
     straight_width: float = 0.03
+    noise: float = 0.0
     chords: tuple[int, ...] = (2, 3, 4)
     reach: float = 5.0 / 3.0
     channel: Channel = "position"
@@ -96,13 +101,14 @@ class CornerWeight:
         speed, peak = steps[reach], min(steps[:reach].max(), steps[reach + 1 :].max())
         if min(peak, lengths[0] / chord, lengths[1] / age, lengths[2] / chord) <= self.pace:
             return 0.0
-        cosine = (before * after).sum() / (lengths[0] * lengths[1])
-        turn = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+        turn = np.arccos(np.clip((before * after).sum() / (lengths[0] * lengths[1]), -1.0, 1.0))
+        by_chance2 = self.noise**2 * (chord / lengths[0] ** 2 + age / lengths[1] ** 2)
         dipped = (self.dip - speed / peak) / self.dip_width
         slowest = float(steps[reach - chord :].min())
         flight = min(slowest**2 / self.fast**2, 1.0) if self.fast else 1.0
         gamma = self.standing + (self.gamma - self.standing) * flight
-        weight = gamma * self._turned(turn) * _logistic(dipped)
+        turned = self._turned(np.degrees(np.sqrt(max(turn**2 - by_chance2, 0.0))))
+        weight = gamma * turned * _logistic(dipped)
         if self.straight:
             weight *= self._straightness(lengths[0], steps[reach - chord : reach])
             weight *= self._straightness(lengths[1], steps[reach + 1 :])

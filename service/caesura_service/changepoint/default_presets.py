@@ -61,6 +61,7 @@ MEMORY_S = 0.5
 TAIL_NU = 4.0  # of a guiding hand's errors: one in a hundred is four times as large as the median
 NORMAL_NU = 1e4  # as good as a normal distribution
 SLOW, REST = CREEP_M_PER_S * STEP_S, REST_M_PER_S * STEP_S  # [m] a step at these speeds
+GUIDED_NOISE_M = 0.00075  # of a step of a guiding hand
 TRACING = 0.025 * STEP_S  # [m] a step: slower movements are corrections, or lines that are traced
 TRACING_S = 2.0  # for which a traced line keeps its velocity: a segment
 FAST = 0.05 * STEP_S  # [m] half of the corners are passed more slowly
@@ -95,7 +96,7 @@ def guided_motion() -> GuidedMotion:
     """
     return GuidedMotion(
         correlation(MEMORY_S),
-        floor=0.00075,
+        floor=GUIDED_NOISE_M,
         share=0.07,
         burst=0.002,
         nu=TAIL_NU,
@@ -114,7 +115,9 @@ def traced_motion() -> TracedMotion:
 
 def corner() -> CornerWeight:
     """Return the weight on a start where the path turns while its speed dips."""
-    return CornerWeight(gamma=60.0, standing=25.0, fast=FAST, pace=SLOW, straight=STRAIGHT)
+    return CornerWeight(
+        gamma=60.0, standing=25.0, fast=FAST, pace=SLOW, straight=STRAIGHT, noise=GUIDED_NOISE_M
+    )
 
 
 def corner_of_rotation() -> CornerWeight:

@@ -190,7 +190,9 @@ def log_corner_weight(past, squared, age, chord, reach, channel):
     slowest_way = min(length_before / chord, length_after / age, math.sqrt(begun2) / chord)
     if min(math.sqrt(peak2), slowest_way) <= channel.pace:
         return 0.0
-    turn = math.degrees(math.acos(min(max(product / (length_before * length_after), -1.0), 1.0)))
+    turn = math.acos(min(max(product / (length_before * length_after), -1.0), 1.0))
+    by_chance2 = channel.noise2 * (chord / before2 + age / after2)
+    turn = math.degrees(math.sqrt(max(turn**2 - by_chance2, 0.0)))
     dipped = (channel.dip - math.sqrt(squared[age] / peak2)) / channel.dip_width
     flight = 1.0
     if channel.fast2:

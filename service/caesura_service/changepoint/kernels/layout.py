@@ -104,6 +104,7 @@ CHANNEL = np.dtype(
         ("dip_width", "f8"),
         ("straight", "f8"),
         ("straight_width", "f8"),
+        ("noise2", "f8"),
         ("chords", "i8", (MOST_CHORDS,)),
         ("reaches", "i8", (MOST_CHORDS,)),
         ("chord_count", "i8"),

@@ -357,6 +357,7 @@ def _corner_weight(model: CornerWeight) -> Record:
         "dip_width": model.dip_width,
         "straight": model.straight,
         "straight_width": model.straight_width,
+        "noise2": model.noise**2,
         "chords": _padded(model.chords, MOST_CHORDS),
         "reaches": _padded(model.reaches, MOST_CHORDS),
         "chord_count": len(model.chords),

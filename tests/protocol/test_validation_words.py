@@ -53,6 +53,8 @@ def test_what_cannot_be_seen_is_named(given: dict[str, str], said: str) -> None:
         "അവന\u0d4d\u200d",
         "ක\u0dca\u200dර",
         "USB\u200cها",
+        "کتاب\u200cUSB\u200cها",
+        "ක\u0dca\u200d ර",
     ],
 )
 def test_a_name_may_have_joiners_where_its_script_needs_them(name: str) -> None:
@@ -73,6 +75,10 @@ def test_a_name_may_have_joiners_where_its_script_needs_them(name: str) -> None:
         "👩\u200d",
         "USB\u200cه\u200d",
         "اب\u200c\u0d4d\u200c\u200d",
+        "علی\u200c رضا",
+        "علی\u200c\u00a0رضا",
+        "👩\u200d Ann",
+        "می\u200c\u3000روم",
     ],
 )
 def test_a_joiner_that_only_makes_equal_names_differ_is_refused(name: str) -> None:

@@ -73,13 +73,21 @@ Tolerance = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]  # [m] or [rad]
 MAX_TAG = 64  # characters of the `do` of an action
 _UNSEEN = r"\u0000-\u001f\u007f-\u009f\u00ad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
 # A joiner (U+200C, U+200D) belongs to words of Persian and Indic scripts, and to emoji of several people. It
-# stands after a character that is seen, beside one from U+0600 on, and ends a text only after a virama of an
-# Indic script. Elsewhere two names would differ unseen.
-_JOINING = rf"[^\u0000-\u05ff{_UNSEEN}]"
-SEEN = rf"[!-~][\u200c\u200d]{_JOINING}[\u200c\u200d]?|{_JOINING}[\u200c\u200d]|[^{_UNSEEN}]"
-_VIRAMA = r"[\u094d\u09cd\u0a4d\u0acd\u0b4d\u0bcd\u0c4d\u0ccd\u0d4d\u0dca]"
-_LAST = rf"[!-~][\u200c\u200d]{_JOINING}|{_VIRAMA}[\u200c\u200d]|[^{_UNSEEN}]"
-LINE = f"^({SEEN})*({_LAST})$"
+# stands between two characters that are no spaces, one of them from U+0600 on, or after a virama of an Indic
+# script. Elsewhere two names would differ unseen.
+_JOINER = r"[\u200c\u200d]"
+_SPACES = r"\u0020\u00a0\u1680\u2000-\u200a\u202f\u205f\u3000"
+_VIRAMA = r"\u094d\u09cd\u0a4d\u0acd\u0b4d\u0bcd\u0c4d\u0ccd\u0d4d\u0dca"
+_JOINING = rf"[^\u0000-\u05ff{_UNSEEN}{_SPACES}{_VIRAMA}]"
+_BEFORE = rf"(?:[!-~]{_JOINER})?"  # ASCII may be joined to what follows
+# Characters that joiners hold together, or a single one. Each text is divided in one way at most, so that no
+# engine tries many.
+SEEN = (
+    rf"{_BEFORE}(?:{_JOINING}{_JOINER}{_BEFORE})*"
+    rf"(?:{_JOINING}{_JOINER}[!-~\u00a1-\u00ac\u00ae-\u05ff]|[{_VIRAMA}]{_JOINER}?|{_JOINING})"
+    rf"|[^{_UNSEEN}]"
+)
+LINE = f"^({SEEN})+$"
 Author = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]
 TaskName = Annotated[str, Field(min_length=1, max_length=120, pattern=LINE)]
 Note = Annotated[str, Field(min_length=1, max_length=1000, pattern=LINE)]
@@ -123,4 +131,4 @@ ShortTag = BeforeValidator(_with_short_tag)  # of an action within a result, whi
 
 def as_line(text: str) -> str:
     """Return a text with a space in place of each character that LINE refuses."""
-    return re.sub(rf"((?:{_LAST})\Z|(?:{SEEN})(?!\Z))|[\s\S]", lambda one: one[1] or " ", text)
+    return re.sub(rf"({SEEN})|[\s\S]", lambda one: one[1] or " ", text)

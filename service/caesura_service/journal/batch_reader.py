@@ -20,6 +20,7 @@ from caesura_service.journal.peer_journals import journals_in, open_for_reading
 from caesura_service.journal.rows import SessionRow, Stored, copies_in, verify
 from caesura_service.journal.sqlite_journal import SqliteJournal
 from caesura_service.journal.sqlite_statements import HAS_TABLE, SELECT_EXTENT, SELECT_OVERVIEW, SELECT_PAGE
+from caesura_service.journal.stored_texts import decode_stored
 
 PAGE = 250  # records read at once
 _BATCH, _ERROR = encoding_of(SampleBatch), encoding_of(Error)
@@ -102,7 +103,7 @@ class FileBatches:
             session, last = SessionRow(*row[:-1]), row[-1]
             for first in kept.execute(SELECT_PAGE, (session.id, -1, last, 1)):
                 stored = verify(key, Stored(*first))
-                opening = decode(stored.payload, stored.encoding, Open)
+                opening = decode_stored(stored.payload, stored.encoding, Open)
                 return SessionExtent((path, session.id, session.opened), opening, last)
         return None
 

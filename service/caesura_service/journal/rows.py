@@ -7,7 +7,7 @@ import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
-from caesura_protocol.codec import decode, encode, encoding_of
+from caesura_protocol.codec import encode, encoding_of
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import (
     MAX_WHOLE_BYTES,
@@ -40,6 +40,7 @@ from caesura_service.journal.sqlite_statements import (
     TAKEOVERS,
     select_copies,
 )
+from caesura_service.journal.stored_texts import decode_stored
 
 logger = logging.getLogger(__name__)
 
@@ -128,7 +129,7 @@ def verify(key: Key, row: Stored) -> Stored:
 
 def record_of(key: Key, row: Stored) -> Record:
     """Decode a row. Raises ProtocolError if it cannot be read."""
-    return Record(*key, row.at, decode(row.payload, row.encoding, *_RECORDABLE))
+    return Record(*key, row.at, decode_stored(row.payload, row.encoding, *_RECORDABLE))
 
 
 def edits_of(key: Key, rows: Iterable[tuple[Any, ...]]) -> tuple[AppliedEdit, ...]:
@@ -189,9 +190,9 @@ def outcome_of(key: Key, row: Sequence[Any]) -> Outcome:
     _, opening, last_seq, snapshot = verified_outcome(key, row)[:4]
     try:
         return Outcome(
-            decode(opening, encoding_of(Open), Open),
+            decode_stored(opening, encoding_of(Open), Open),
             last_seq,
-            decode(snapshot, encoding_of(Snapshot), Snapshot, limit=MAX_WHOLE_BYTES),
+            decode_stored(snapshot, encoding_of(Snapshot), Snapshot, limit=MAX_WHOLE_BYTES),
         )
     except ProtocolError as error:
         raise JournalDamagedError("its results are in the format of another version") from error

@@ -15,7 +15,7 @@ from playwright.sync_api import Locator, Page, expect
 from scipy.spatial.transform import Rotation
 
 from caesura_protocol.recording import Recording
-from dashboard.browser import DESK, PATIENCE_MS, Visitor, looks_right, needs_chromium, settled
+from dashboard.browser import DESK, PATIENCE_MS, PHONE, Visitor, looks_right, needs_chromium, settled
 from dashboard.operator import Operator
 from dashboard.stage import Stage
 from dashboard.test_whole_day import DRAWN, shown_range
@@ -24,6 +24,8 @@ from harness.demonstrations import guided
 pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
 T = 2.0  # [s] whose values are read
+# A tool that is turned over shakes about the half turn: on a phone there are jumps in each pixel.
+TURNED_OVER_S, TURNED_OVER_HZ, SHAKES_RAD = 120.0, 20.0, 5e-4
 JOINTS = 6  # of a UR: its panels were left out, because a Panda has seven
 PANELS = {
     "torque": ("torque", ("x", "y", "z"), 3),
@@ -43,9 +45,30 @@ BREAKS = """(name) => {
   const at = (i, step) => { while (values[i] === undefined) i += step; return times[i]; };
   return [...times].flatMap((t, i) => (values[i] === null ? [[at(i - 1, -1), t, at(i + 1, 1)]] : []));
 }"""
-# [px] of the canvas: the widths at which its stroke is not drawn.
-CLIPPED = """(name) => document.querySelector(".plots").plots.plots.get(name).plot.series[1]._paths.gaps
-  .map(([from, to]) => to - from)"""
+# Of the lines of a panel: their points, jumps, lines across a jump, and points that no stroke covers.
+STROKES = """(name) => {
+  const { plot } = document.querySelector(".plots").plots.plots.get(name), [times, ...lines] = plot.data;
+  const found = { points: 0, jumps: 0, across: 0, bare: 0 };
+  plot.ctx.save();
+  plot.ctx.resetTransform();
+  plot.ctx.setLineDash([]);
+  Object.assign(plot.ctx, { lineWidth: 3 * devicePixelRatio, lineCap: "square" }); // also where a line ends
+  lines.forEach((values, k) => {
+    const covers = (t, value) => plot.ctx.isPointInStroke(
+      plot.series[k + 1]._paths.stroke, plot.valToPos(t, "x", true), plot.valToPos(value, "y", true));
+    const points = [...times].map((t, i) => [t, values[i]]).filter(([, value]) => Number.isFinite(value));
+    points.forEach(([t, value], i) => {
+      found.points += 1;
+      if (!covers(t, value)) found.bare += 1;
+      const [before, from] = points[i - 1] ?? [t, value];
+      if (Math.abs(value - from) <= Math.PI) return;
+      found.jumps += 1;
+      if (covers((before + t) / 2, (from + value) / 2)) found.across += 1;
+    });
+  });
+  plot.ctx.restore();
+  return found;
+}"""
 SHOWN = "() => [...document.querySelectorAll('.panels .panel')].map((one) => one.dataset.signal)"
 
 
@@ -130,9 +153,9 @@ def test_panels_that_are_switched_on_draw_what_was_sent_and_read_it(stage: Stage
     for jump, (before, at, after) in zip(jumps, breaks, strict=True):
         assert (before, after) == (sent.t[jump], sent.t[jump + 1]), "no line from one end to the other"
         assert before < at < after
-    clipped = page.evaluate(CLIPPED, "orientation")
-    assert len(clipped) == len(jumps)
-    assert min(clipped) >= 2.0, "a stroke within one pixel was drawn, from 180 to -180 degrees"
+    strokes = page.evaluate(STROKES, "orientation")
+    assert strokes["jumps"] == len(jumps)
+    assert (strokes["across"], strokes["bare"]) == (0, 0)
 
     x, _ = Operator.at(page, visitor).place(T)
     box = page.locator(".panels .u-over").first.bounding_box()
@@ -149,6 +172,35 @@ def test_panels_that_are_switched_on_draw_what_was_sent_and_read_it(stage: Stage
             assert off <= 0.51 * 10.0**-digits, f"{name} {lines[k]}"
         titles = panel_of(page, name).locator(".value").all_inner_texts()
         assert all(words.startswith(line) for words, line in zip(titles, lines, strict=True))
+
+
+def test_no_line_is_drawn_across_a_half_turn_where_jumps_crowd(stage: Stage, visitor: Visitor):
+    """The plot of a tool that was turned over was a wall, and a view of minutes had lines across, too."""
+    t = np.arange(0.0, TURNED_OVER_S, 1.0 / TURNED_OVER_HZ)
+    rng = np.random.default_rng(0)
+    half = np.minimum(0.5, 0.05 * t) * np.pi + SHAKES_RAD * rng.standard_normal(t.size)
+    turned = Recording(
+        t=t,
+        signals={
+            "pos": [0.4, 0.0, 0.3] + 1e-4 * rng.standard_normal((t.size, 3)),
+            "quat": np.column_stack([0.0 * t, 0.0 * t, np.sin(half), np.cos(half)]),
+        },
+        wrench_source="none",
+        name="turned over",
+    )
+    stage.teach("turned-over", turned, session="over", pace="fast")
+    stage.wait("turned-over")
+    visitor.begin_again(PHONE)
+    page = visitor.page
+    page.goto(f"{stage.dashboard.url}/sessions/turned-over/over")
+    settled(page)
+    switch(page, "orientation")
+    panel_of(page, "orientation").scroll_into_view_if_needed()
+    settled(page)
+    visitor.picture("turned-over")
+    strokes = page.evaluate(STROKES, "orientation")
+    assert strokes["jumps"] > 100
+    assert (strokes["across"], strokes["bare"]) == (0, 0)
 
 
 @pytest.mark.parametrize(

@@ -23,15 +23,29 @@ function degrees(u, panel, low, high) {
   return roundTicks(0, low, high, (STEPS_DEG.find((one) => one >= least) || 180) / panel.factor);
 }
 
-// Gaps [from, to] of a line that jumps within a pixel: so wide that its stroke there is not drawn. Where jumps crowd, as
-// of noise at a half turn, they are drawn: else nothing would be.
-function widened(gaps) {
-  const half = STROKE * devicePixelRatio;
-  return gaps.flatMap(([from, to], i) => {
-    if (to - from > 4 * half) return [[from, to]];
-    const before = i ? gaps[i - 1][1] : -Infinity, after = i + 1 < gaps.length ? gaps[i + 1][0] : Infinity;
-    return Math.min(from - before, after - to) < 8 * half ? [] : [[from - half, to + half]];
-  });
+// The lines of a vector that jumps: a point without a neighbour to be joined to is a dot. uPlot itself draws a line
+// across a gap within a pixel, and no point between two gaps: so noise at a half turn would be a wall, or nothing.
+function dotted(u, k, first, last) {
+  const stroke = new Path2D(), values = u.data[k], dot = STROKE * devicePixelRatio / 2;
+  let from = null, isAlone = true;
+  const end = () => {
+    if (from && isAlone) stroke.lineTo(from[0] + dot, from[1]);
+    from = null;
+  };
+  for (let i = first; i <= last; i++) {
+    if (values[i] === undefined) continue;
+    if (values[i] === null) {
+      end();
+      continue;
+    }
+    const here = [u.valToPos(u.data[0][i], "x", true), u.valToPos(values[i], "y", true)];
+    isAlone = !from;
+    if (from) stroke.lineTo(...here);
+    else stroke.moveTo(here[0] - dot, here[1]);
+    from = here;
+  }
+  end();
+  return { stroke, fill: null, clip: null, band: null, gaps: null, flags: 1 };
 }
 
 export class Plots {
@@ -102,7 +116,7 @@ export class Plots {
       ],
       series: [{}, ...panel.columns.map((_, i) => ({
         stroke: line(i), width: STROKE, dash: DASHES[panel.columns.length === 1 ? 0 : i], points: { show: false }, spanGaps: false,
-        ...(panel.wraps ? { gaps: (u, k, first, last, gaps) => widened(gaps) } : {}),
+        ...(panel.wraps ? { paths: dotted } : {}),
         ...(panel.name === "changepoints" ? { paths: uPlot.paths.bars({ size: [0.001, 3, 3] }), fill: line(i) } : {}),
       }))],
       hooks: {

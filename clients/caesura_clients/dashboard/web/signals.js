@@ -24,7 +24,6 @@ const NAMES = { px: "x", py: "y", pz: "z", fx: "x", fy: "y", fz: "z", mx: "x", m
 export const nameOf = (column) => NAMES[column] || column;
 const MAX_BINS = 4096;
 const RING = "dashboard"; // who answers for the newest minute of a station, in bins of one width
-const HALF_TURN_S = 0.25; // [s] no arm turns by half a turn within it
 const ROUNDING = 1e-6; // of a bin, as of `bins_of`
 const bin = (t, bin_s) => Math.floor(t / bin_s + ROUNDING);
 
@@ -102,12 +101,13 @@ export function aligned(points, columns, holes, off = []) {
   return [times, ...values];
 }
 
-// Where a rotation vector jumps from one end of a half turn to the other, as holes: no line is drawn across.
+// Where a rotation vector jumps from one end of a half turn to the other, as holes: no line is drawn across. Of a bin
+// with a jump the least and the greatest differ by more than a half turn in one column at least, however far apart.
 export function wraps(points, columns) {
   return columns.flatMap((name) => {
     const own = points[name], found = [];
     for (let i = 3; i < own.length; i += 2) {
-      if (Math.abs(own[i] - own[i - 2]) > Math.PI && own[i - 1] - own[i - 3] < HALF_TURN_S) found.push([own[i - 3], own[i - 1]]);
+      if (Math.abs(own[i] - own[i - 2]) > Math.PI) found.push([own[i - 3], own[i - 1]]);
     }
     return found;
   });

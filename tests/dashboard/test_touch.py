@@ -24,6 +24,11 @@ FINGER_PX = 24  # WCAG 2.5.8
 TIMES = """() => [...document.querySelectorAll(".plots")].map(
   ({ plots }) => [...plots.plots.values()].at(-1).plot.axes[0]._values)"""
 STATION, SESSIONS = "cell-1", ("one", "two")
+# Of two compared sessions: from the first one's plots to the end of the second one's.
+BOTH_PX = """() => {
+  const [one, other] = [...document.querySelectorAll(".plots")].map((plots) => plots.getBoundingClientRect());
+  return other.bottom - one.top;
+}"""
 
 
 @pytest.fixture
@@ -74,6 +79,13 @@ def test_a_finger_compares_exports_and_teaches_a_part_again(stage: Stage, phone:
     )
     assert [len([*filter(None, times)]) > 3 for times in page.evaluate(TIMES)] == [True, True]
     phone.picture("touch-compare")
+    expect(page.get_by_role("button", name="Zoom in"), "one for both").to_have_count(1)
+    assert page.evaluate(BOTH_PX) <= PHONE["height"], "one was out of sight while the other was seen"
+    page.get_by_role("group", name="Signals").last.get_by_role("button", name="force").tap()
+    expect(page.locator(".panel[data-signal=force]"), "of both").to_have_count(2)
+    expect(page.locator(".panels .panel")).to_have_count(2)
+    page.get_by_role("button", name="Move together").tap()
+    expect(page.get_by_role("button", name="Zoom in"), "one each").to_have_count(2)
 
     page.goto(f"{stage.dashboard.url}/sessions/{STATION}/{SESSIONS[1]}")
     with page.expect_download() as download:

@@ -27,7 +27,7 @@ TOGETHER = """(event) => {
   event.target.setAttribute("aria-pressed", String(on));
   window.dispatchEvent(new CustomEvent("caesura-together", { detail: on }));
 }"""
-HELP = "Switch it off to move one alone; switched on again, it keeps what is then side by side."
+HELP = "Switch it off to move one alone; switched on again, it keeps the offset."
 Named = tuple[str, str]  # station and session
 
 

@@ -3,7 +3,8 @@
 import { YScales } from "caesura-dashboard/y_scales.js";
 
 export const SHARED = new YScales(); // of the values of both
-const RANGE = "caesura-range", TOGETHER = "caesura-together";
+const RANGE = "caesura-range", TOGETHER = "caesura-together", SIGNAL = "caesura-signal";
+const NARROW = matchMedia("(max-width: 40rem)"); // the second lies below the first
 let views = 0;
 
 export const pair = {
@@ -16,10 +17,13 @@ export const pair = {
     if (!this.linked) return;
     window.addEventListener(RANGE, this.receiveRange);
     window.addEventListener(TOGETHER, this.receiveTogether);
+    window.addEventListener(SIGNAL, this.receiveSignal);
+    if (this.isStacked()) this.chosen = this.chosen.slice(0, 1);
   },
   unmounted() {
     window.removeEventListener(RANGE, this.receiveRange);
     window.removeEventListener(TOGETHER, this.receiveTogether);
+    window.removeEventListener(SIGNAL, this.receiveSignal);
   },
   watch: {
     span: "stateRange", end: "stateRange", cursor: "stateRange", newest: "stateRange",
@@ -30,6 +34,15 @@ export const pair = {
   methods: {
     sided(name) { // of a tool that the other side has too
       return this.linked ? `${name}: ${this.station}/${this.session}` : name;
+    },
+    isStacked() { // both are in sight at once with one signal only: each button chooses that of both
+      return this.linked && NARROW.matches;
+    },
+    chooseForBoth(name) {
+      window.dispatchEvent(new CustomEvent(SIGNAL, { detail: name }));
+    },
+    receiveSignal({ detail }) {
+      this.chosen = [detail];
     },
     ownRange() {
       return { span: this.span, end: this.shownEnd - this.begin, cursor: this.cursor === null ? null : this.cursor - this.begin };

@@ -100,7 +100,9 @@ export default {
     editable() {
       Object.assign(this, { menu: null, asked: null });
     },
-    chosen: (names) => localStorage.setItem(SHOWN, JSON.stringify(names)),
+    chosen(names) {
+      if (!this.isStacked()) localStorage.setItem(SHOWN, JSON.stringify(names));
+    },
     author: (name) => localStorage.setItem(AUTHOR, name),
   },
   computed: {
@@ -290,6 +292,7 @@ export default {
       return this.available.length ? (columns.length ? columns : this.available.slice(0, 1)).join(",") : "";
     },
     toggle(name) {
+      if (this.isStacked()) return this.chooseForBoth(name);
       this.chosen = this.chosen.includes(name) ? this.chosen.filter((one) => one !== name) : [...this.chosen, name];
     },
     described(panel) {

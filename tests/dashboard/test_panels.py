@@ -69,6 +69,18 @@ STROKES = """(name) => {
   plot.ctx.restore();
   return found;
 }"""
+# The inked values in the first and the last row of the labels, where they stand at both ends of a scale.
+CUT = """async (name) => {
+  const { plot } = document.querySelector(".plots").plots.plots.get(name), { canvas } = plot.ctx;
+  const range = plot.scales.y.range;
+  plot.scales.y.range = () => [-1, 1];
+  plot.setScale("y", { min: -1, max: 1 });
+  await new Promise(requestAnimationFrame);
+  const inked = (y) => plot.ctx.getImageData(0, y, 50, 1).data.filter((one, i) => i % 4 === 3 && one).length;
+  const found = [inked(0), inked(canvas.height - 1)];
+  plot.scales.y.range = range;
+  return found;
+}"""
 SHOWN = "() => [...document.querySelectorAll('.panels .panel')].map((one) => one.dataset.signal)"
 
 
@@ -129,6 +141,12 @@ def test_panels_are_as_wide_as_the_band_where_the_page_scrolls(stage: Stage, vis
     band, panels = page.evaluate(WIDTHS)
     assert len(band) == 1
     assert panels == band
+
+
+def test_no_label_of_a_scale_is_cut(stage: Stage, visitor: Visitor):
+    """The uppermost one lacked its first row of pixels where it stood at the end of the scale."""
+    page = opened(stage, visitor)
+    assert page.evaluate(CUT, "position") == [0, 0]
 
 
 def test_panels_that_are_switched_on_draw_what_was_sent_and_read_it(stage: Stage, visitor: Visitor):

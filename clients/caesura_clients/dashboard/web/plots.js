@@ -10,7 +10,7 @@ export const LEFT = 64, RIGHT = 12; // beside the plots
 // [px] of a line; and of one with a point in every second pixel, whose strokes would cover each other. Without a
 // graphics card an hour of strokes of one pixel is drawn in 0.02 s in place of 0.12 s.
 const STROKE = 1.4, DENSE_STROKE = 1;
-const PADDING = 6, HEIGHT = 160 + 2 * PADDING, AXIS = 24;
+const PADDING = 9, HEIGHT = 160 + 2 * PADDING, AXIS = 24;
 const written = (panel, value) => value * (panel.factor || 1); // drawn as measured, written in the panel's unit
 const DASHES = [[], [7, 3], [2, 3], [9, 3, 2, 3], [], [7, 3], [2, 3], [9, 3, 2, 3]];
 const EMPTY = [[], []];

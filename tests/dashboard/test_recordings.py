@@ -70,6 +70,13 @@ def test_a_name_that_leads_out_of_the_folder_is_refused(desk: RecordingDesk, upl
         desk.begin_file(upload, name)
 
 
+def test_a_name_that_is_too_long_is_refused_with_its_length(desk: RecordingDesk):
+    with pytest.raises(EditRefused, match="has 304 bytes, expected at most 255: rename the file"):
+        desk.begin_file("u-1", "n" * 300 + ".csv")
+    with pytest.raises(EditRefused, match="has 304 bytes"):
+        desk.begin_file("u-1", "folder/" + "日" * 100 + ".csv")
+
+
 @pytest.mark.parametrize("upload", ["..", ".", "", "{outside}", "../{name}"])
 def test_only_what_is_held_is_removed(desk: RecordingDesk, tmp_path: Path, upload: str):
     held, kept = sent(desk, "u-1", "a.csv", b"1"), tmp_path / "kept.csv"

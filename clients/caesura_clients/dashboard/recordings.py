@@ -41,7 +41,8 @@ BUSY = "This recording is being read: wait until that is over."
 MODULE = "caesura_clients.dashboard.recording_playback_process"
 SUFFIXES = (".npz", ".csv", ".mcap", ".db3")
 _UPLOAD = re.compile(r"[a-z0-9-]{1,64}")
-_PART = re.compile(r"(?!\.)[^/\\\x00-\x1f]{1,120}")
+_PART = re.compile(r"(?!\.)[^/\\\x00-\x1f]+")
+LONGEST_NAME = 255  # [bytes] of a file or a folder, as most disks have it
 
 
 def _unknown(_station: str, _session: str) -> str:
@@ -149,6 +150,11 @@ class RecordingDesk:
         use.
         """
         parts = name.split("/")
+        for part in parts:
+            if (size := len(part.encode("utf-8", "surrogatepass"))) > LONGEST_NAME:
+                raise EditRefused(
+                    f"{part[:40]}… has {size} bytes, expected at most {LONGEST_NAME}: rename the file."
+                )
         is_name = _UPLOAD.fullmatch(upload) and len(parts) <= 2 and all(map(_PART.fullmatch, parts))
         if not is_name:
             raise EditRefused(f"{name!r} is not the name of a file, or of one in a folder.")

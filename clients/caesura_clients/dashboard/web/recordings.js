@@ -67,7 +67,7 @@ export default {
       </section>
       <form v-if="found" class="questions" @submit.prevent="play" aria-label="Questions about the recording">
         <h2>{{ found.name }}</h2>
-        <p v-if="found.samples" class="summary">{{ found.samples }} samples, {{ found.length }} s: {{ found.signals.map((one) => words[one]).join(", ") }}{{
+        <p v-if="found.samples" class="summary">{{ found.samples }} {{ found.samples === 1 ? "sample" : "samples" }}, {{ found.length }} s: {{ found.signals.map((one) => words[one]).join(", ") }}{{
           found.ignored.length ? "; not read: " + found.ignored.join(", ") : "" }}.</p>
         <p v-for="note in found.notes" :key="note" class="recording-note">{{ note }}</p>
         <p v-if="found.wrong" class="alarm">{{ found.wrong }} The likely unit is chosen below.</p>

@@ -12,7 +12,7 @@ const correcting = `
     <template v-if="editable">
       <button v-if="cursor !== null" class="correct" :title="'What can be corrected at this time (R, or ' + opens + ')'" @click="openMenu()">Correct …</button>
       <button class="undo repeats" :class="{ absent: !canUndo }" :disabled="!canUndo" :title="undoTitle" v-on="pointing(undoAction)" @click="undo">Undo</button>
-      <button class="redo repeats" :class="{ absent: !canRedo }" :disabled="!canRedo" title="Make it once more (Ctrl Y)" v-on="pointing(redoAction)" @click="redo">Redo</button>
+      <button class="redo repeats" :class="{ absent: !canRedo }" :disabled="!canRedo" title="Redo what was undone last (Ctrl Y)" v-on="pointing(redoAction)" @click="redo">Redo</button>
     </template>
     <staying class="message" :class="{ failed: failed || trouble }">{{ trouble || (inList ? "" : message) }}<span v-if="doubt" class="doubt">{{ " " + doubt }}</span></staying>
   </div></div>

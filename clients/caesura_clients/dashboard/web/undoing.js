@@ -33,7 +33,7 @@ export const undoing = {
       return this.toTakeBack === null ? { do: "redo" } : { do: "take_back", number: this.toTakeBack };
     },
     undoTitle() {
-      return this.toPutBack === null ? "Take the last correction back (Ctrl Z)" : `Put correction ${this.toPutBack} back (Ctrl Z)`;
+      return this.toPutBack === null ? "Undo the last correction (Ctrl Z)" : `Restore correction ${this.toPutBack} (Ctrl Z)`;
     },
   },
   methods: {

@@ -8,7 +8,8 @@ segment of a phase of kind k emits
 - its duration, log-normal (`own_s`, `aside_s`); for a segment that still grows, the survival probability of
   its duration so far. The rest at the end of a demonstration may have any duration, until an operator stops
   it,
-- whether it moves, and how far, normal on each axis (`moving`, `step_m`): a cycle ends where it began.
+- whether it moves, and how far, normal on each axis (`moving`, `step_m`): a round of a cycle ends where it
+  began, and an interruption may lead anywhere (`aside_step_m`).
   A rest between two phases in one contact state, such as a reach and a circle, belongs to the first,
 - the place at which a phase is resumed after an interruption: near an end of one of its strokes with
   probability `repeats`, otherwise anywhere in the work space. So repeated strokes belong to one phase,
@@ -74,10 +75,11 @@ class PhaseKind:
     """The parameters of the phases of one kind; probabilities are per segment.
 
     own, aside: (free, contact, transport) contact state of its own segments, and of those that interrupt;
-    own_s, aside_s: their durations. moving: one of its segments is a movement; step_m [m]: standard deviation
-    per axis of its displacement. ends, interrupted: the phase ends, or is interrupted, after one of its own
-    segments. resumed: an interruption is over. repeats: a phase is resumed at an end of an earlier stroke.
-    retraces: it goes over its way again and again. bounds: a demonstration begins, and ends, in this kind.
+    own_s, aside_s: their durations; step_m, aside_step_m [m]: standard deviation per axis of the displacement
+    of one that moves. moving: one of its segments is a movement. ends, interrupted: the phase ends, or is
+    interrupted, after one of its own segments. resumed: an interruption is over. repeats: a phase is resumed
+    at an end of an earlier stroke. retraces: it goes over its way again and again. bounds: a demonstration
+    begins, and ends, in this kind.
     weight: the frequency at which it follows another kind, relative to other kinds.
     """
 
@@ -94,6 +96,7 @@ class PhaseKind:
     bounds: float
     moving: float
     step_m: float
+    aside_step_m: float
     weight: float
 
 
@@ -255,7 +258,10 @@ class Chain:
             ]
             for one in self.parameters.kinds
         ]
-        steps = [[_log_step(one, segment)] for one in self.parameters.kinds]
+        steps = [
+            [_log_step(one.moving, step_m, segment) for step_m in (one.step_m, one.aside_step_m)]
+            for one in self.parameters.kinds
+        ]
         each = (share + seconds + steps)[self.kind, self.aside]
         if segment.state == 0:  # what goes over its way again in contact is one phase without being a cycle
             each += self._retraces * self._log_retraced(segment.retraced)[self.age - 1]
@@ -330,13 +336,16 @@ class Chain:
         return mean[strokes[0] :]
 
 
-def _log_step(kind: PhaseKind, segment: SegmentFeatures) -> float:
-    """Return the log density [1/m³] of whether a segment moves, and of its displacement."""
+def _log_step(moving: float, step_m: float, segment: SegmentFeatures) -> float:
+    """Return the log density [1/m³] of whether a segment moves, and of its displacement.
+
+    moving: the probability that it does; step_m [m]: standard deviation per axis of its displacement.
+    """
     if not segment.moves:
-        return math.log(1.0 - kind.moving)
-    step = (segment.end - segment.start) / kind.step_m
-    far = -3.0 * math.log(kind.step_m * SQRT_TAU) - 0.5 * float(step @ step)
-    return math.log(kind.moving) + far
+        return math.log(1.0 - moving)
+    step = (segment.end - segment.start) / step_m
+    far = -3.0 * math.log(step_m * SQRT_TAU) - 0.5 * float(step @ step)
+    return math.log(moving) + far
 
 
 _SHARES = ("ends", "interrupted", "resumed", "bounds", "moving")

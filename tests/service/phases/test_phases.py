@@ -221,7 +221,7 @@ def emitted(one: SegmentFeatures, kind, aside: bool, parameters) -> float:
     lasts = (1.0 - parameters.cut) * whole + parameters.cut * piece
     over = parameters.last * kind.bounds * (1.0 - kind.resumed if aside else kind.ends)
     lasts += over * (1.0 - lasts) if one.grows and not one.moves else 0.0
-    far = normal(one.end - one.start, np.zeros(3), kind.step_m)
+    far = normal(one.end - one.start, np.zeros(3), kind.aside_step_m if aside else kind.step_m)
     return (
         float(np.dot(classes, one.likelihood)) * lasts * (kind.moving * far if one.moves else 1 - kind.moving)
     )
@@ -375,6 +375,19 @@ def test_strokes_to_and_fro_again_and_again_are_one_cycle() -> None:
     strokes = [("free", 0.9, RIGHT), ("free", 0.7, ABOVE), ("free", 0.6, LEFT)]
     peeled = demonstration(("free", 1.5, LEFT), *strokes, *strokes, *strokes, ("free", 1.5, AWAY))
     assert shown(grouped(peeled)) == [("free", 0, 0, 1), ("cycle", 1, 9, 1), ("free", 10, 10, 1)]
+
+
+def test_short_strokes_in_contact_do_not_interrupt_a_cycle() -> None:
+    """A round ends where it began. An interruption need not, and short strokes are no evidence of one."""
+    places = [(0.4 + 0.012 * i, 0.035 * (i % 2), 0.1) for i in range(7)]
+    strokes = [("contact", 0.5, place) for place in places[1:]]
+    lifted = (0.48, 0.0, 0.11)
+    wiped = demonstration(
+        ("free", 1.5, ABOVE), ("free", 0.8, ABOVE), ("free", 0.7, places[0]), *strokes, ("free", 0.1, lifted),
+        ("free", 1.1, AWAY),
+    )  # fmt: skip
+    wiped[1] = wiped[1].model_copy(update={"motion": "steady", "kind": "steady"})
+    assert shown(grouped(wiped)) == [("free", 0, 2, 1), ("contact", 3, 8, 1), ("free", 9, 10, 1)]
 
 
 def test_a_long_way_there_and_back_is_no_cycle() -> None:

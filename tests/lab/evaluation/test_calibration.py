@@ -238,8 +238,8 @@ def test_json_has_the_bins(tmp_path: Path):
         (("--calibration",), "either files or one --suite"),
         (
             ("--calibration", "--suite", "thesis"),
-            "a suite of teacher, skills, hand, estimates, movements, tasks, real, sensors, tempo, windows, "
-            "starts",
+            "a suite of teacher, skills, hand, estimates, movements, tasks, repetitions, real, sensors, "
+            "tempo, windows, starts",
         ),
         ((BUTTON, "--calibration", "--ablate"), "without --ablate"),
     ],

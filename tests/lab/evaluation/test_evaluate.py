@@ -105,8 +105,8 @@ def test_default_without_a_principle_is_a_preset_too():
         ((BUTTON, "--suite", "real"), "either files or one --suite"),
         (
             ("--suite", "nonsense"),
-            "known: teacher, skills, hand, estimates, movements, tasks, real, sensors, tempo, windows, "
-            "starts, thesis, roundtrip, realism, coaching",
+            "known: teacher, skills, hand, estimates, movements, tasks, repetitions, real, sensors, "
+            "tempo, windows, starts, thesis, roundtrip, realism, coaching",
         ),
         (("--suite", "real", "--data", "/nowhere"), "no such directory"),
         (("--suite", "teacher", "--robot", "ur5"), "'ur5' is not known, expected one of"),

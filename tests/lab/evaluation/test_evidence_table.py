@@ -153,8 +153,8 @@ def test_text_fits_a_terminal(monkeypatch: pytest.MonkeyPatch, button: LibraryEv
 def test_what_cannot_be_compared_is_one_line(tmp_path: Path):
     result = run("--suite", "thesis")
     assert result.exit_code == 1
-    known = "teacher, skills, hand, estimates, movements, tasks, real, sensors, tempo, windows, starts"
-    assert f"known: {known}" in result.stderr
+    suites = "teacher, skills, hand, estimates, movements, tasks, repetitions, real, sensors, tempo, windows"
+    assert f"known: {suites}, starts" in result.stderr
     (tmp_path / "none.npz").write_bytes(b"")
     assert run(tmp_path / "none.npz").exit_code == 1
     with pytest.raises(RecordingError):

@@ -22,6 +22,7 @@ from caesura_lab.evaluation.cases.free_movements import MOVEMENTS, FreeMovements
 from caesura_lab.evaluation.cases.rescaled_recordings import TEMPI, in_tempo
 from caesura_lab.evaluation.cases.sensor_conditions import CONDITIONS
 from caesura_lab.evaluation.cases.shifted_starts import STARTS, with_shifted_start
+from caesura_lab.evaluation.cases.stroke_tasks import STROKE_TASKS, StrokeTask
 from caesura_lab.ground_truth import (
     SUFFIX,
     RecordingSource,
@@ -350,6 +351,11 @@ def tasks(extent: SuiteOptions) -> list[Case]:
     return [ContactTask(kind, seed) for kind in TASKS for seed in extent.people]
 
 
+def repetitions(extent: SuiteOptions) -> list[Case]:
+    """Return `seeds` demonstrations of every task of many strokes, by published laws, with phases."""
+    return [StrokeTask(kind, seed) for kind in STROKE_TASKS for seed in extent.people]
+
+
 def estimates(extent: SuiteOptions) -> list[Case]:
     """Return the cases of `teacher` with an estimated wrench, once for every friction of the joints."""
     return [EstimateCase(case, friction) for friction in FRICTIONS for case in teacher(extent)]
@@ -455,7 +461,7 @@ def _recordings(annotated: Path) -> list[Path]:
 
 
 TAUGHT = ("teacher", "skills", "hand", "estimates")  # suites in which a robot is simulated
-SIMULATED = (*TAUGHT, "movements", "tasks")  # suites that need no recordings
+SIMULATED = (*TAUGHT, "movements", "tasks", "repetitions")  # suites that need no recordings
 SUITES: Mapping[str, Callable[[SuiteOptions], list[Case]]] = {
     "teacher": teacher,
     "skills": skills,
@@ -463,6 +469,7 @@ SUITES: Mapping[str, Callable[[SuiteOptions], list[Case]]] = {
     "estimates": estimates,
     "movements": movements,
     "tasks": tasks,
+    "repetitions": repetitions,
     "real": real,
     "sensors": partial(_under_each, PoorerCase, CONDITIONS),
     "tempo": partial(_under_each, OtherTempoCase, TEMPI),

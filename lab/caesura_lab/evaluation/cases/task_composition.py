@@ -33,6 +33,11 @@ SETTLED_S = 4.0  # of a force, before it is used: its deviation is that of more 
 TURN_UP_S = 0.15  # of a torque
 SWAY_RAD, SWAY_HZ = 0.0025, 0.5  # of a hand's orientation
 TOOL_KG = 0.3  # whose inertia the sensor feels
+CLOSED_M, OPENED_M, GRIP_S = (
+    0.02,
+    0.03,
+    0.05,
+)  # of a gripper: what it holds, how much further it opens, how fast
 BIAS_N, BIAS_NM, BIAS_HZ = 0.4, 0.02, 0.2  # wandering, beside what the tare removes
 
 
@@ -46,6 +51,7 @@ class TaskComposition:
         self.phases: list[TrueSegment] = []
         self._positions, self._turns = [np.zeros((1, 3))], [Rotation.identity(1)]
         self._pushes, self._torques = [np.zeros(1)], [np.zeros((1, 3))]
+        self._grips: list[tuple[float, bool]] = []  # when the gripper moved [s], and whether it opened
 
     @property
     def t(self) -> float:
@@ -105,6 +111,10 @@ class TaskComposition:
         for kind, t in (("start", begun + seen_s(seconds)), ("stop", begun + seconds - seen_s(seconds))):
             if kind in edges:
                 self.mark(kind, t)
+
+    def grip(self, *, opened: bool) -> None:
+        """Open or close the gripper. It is closed before, and without a call the recording has no gripper."""
+        self._grips.append((self.t, opened))
 
     def push(self, n: int, mean_n: float, on_s: float, off_s: float) -> Array:
         """Return (n,) forces [N] that vary about a mean, and set in and cease within on_s and off_s [s]."""
@@ -186,6 +196,8 @@ class TaskComposition:
             "torque": torque + 0.1 * noise_n * self.rng.normal(size=force.shape),
         }
         t: Array = STEP_S * np.arange(len(path), dtype=np.float64)
+        if self._grips:
+            signals["gripper"] = self._opening(t)
         points = tuple(sorted(self.points, key=lambda point: point.t))
         recording = Recording(t, signals, "flange_sensor", name=name, hand_on_robot="yes", force_frame="base")
         window = (0.0, float(t[-1]))
@@ -202,6 +214,14 @@ class TaskComposition:
         inertia = -TOOL_KG * np.gradient(velocity, STEP_S, axis=0)
         force: Array = push[:, None] * UP + friction + inertia
         return force
+
+    def _opening(self, t: Array) -> Array:
+        """Return the opening of the gripper (n, 1) [m] at times (n,)."""
+        opened = np.zeros(len(t))
+        for at, is_open in self._grips:
+            opened[t >= at] = is_open
+        width_m = CLOSED_M + OPENED_M * gaussian_filter1d(opened, GRIP_S * RATE_HZ)
+        return np.asarray(width_m)[:, None]
 
 
 def shares(seconds: float) -> Array:

@@ -84,6 +84,7 @@ def test_truth_covers_the_whole_demonstration(kind: str):
     assert (truth.spans[0].kind, truth.spans[-1].kind) == ("steady", "steady")
     times = [point.t for point in truth.points]
     assert times == sorted(times)
+    assert {type(t) for t in times} == {float}, "a result in JSON states them"
     assert all(
         any(abs(point.t - edge) <= 0.2 for edge in edges(truth.spans))
         for point in truth.points

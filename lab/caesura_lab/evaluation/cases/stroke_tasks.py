@@ -115,7 +115,7 @@ def _wipe_paused(task: TaskComposition) -> None:
     strokes, mean_n = _Strokes(task, aside=0.1), task.between(5.0, 25.0)
     task.mark("contact_on")
     task.hold(task.between(0.2, 0.7), mean_n, on_s=task.between(0.08, 0.2))
-    for i, (way, seconds) in enumerate(zip(strokes.ways, strokes.seconds, strict=True)):
+    for i, (way, seconds) in enumerate(zip(strokes.ways, strokes.seconds.tolist(), strict=True)):
         path = _stroke(way, seconds)
         begun = task.add("sliding", path, task.push(len(path), mean_n, 0.0, 0.0))
         task.edges(begun, seconds, ("start", "stop"))
@@ -141,7 +141,7 @@ def _wipe_eased(task: TaskComposition) -> None:
 def _wipe_lifted(task: TaskComposition) -> None:
     task.reach()
     strokes, mean_n = _Strokes(task, aside=0.1), task.between(5.0, 25.0)
-    for i, (way, seconds) in enumerate(zip(strokes.ways, strokes.seconds, strict=True)):
+    for i, (way, seconds) in enumerate(zip(strokes.ways, strokes.seconds.tolist(), strict=True)):
         if i:
             aside = 0.03 * np.cross(strokes.ahead, UP)
             _return(task, aside, task.between(0.5, 0.9), task.between(0.02, 0.05))

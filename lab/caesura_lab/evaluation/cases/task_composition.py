@@ -33,11 +33,8 @@ SETTLED_S = 4.0  # of a force, before it is used: its deviation is that of more 
 TURN_UP_S = 0.15  # of a torque
 SWAY_RAD, SWAY_HZ = 0.0025, 0.5  # of a hand's orientation
 TOOL_KG = 0.3  # whose inertia the sensor feels
-CLOSED_M, OPENED_M, GRIP_S = (
-    0.02,
-    0.03,
-    0.05,
-)  # of a gripper: what it holds, how much further it opens, how fast
+# Of a gripper: the width of what it holds [m], how much further it opens [m], and how fast [s].
+CLOSED_M, OPENED_M, GRIP_S = 0.02, 0.03, 0.05
 BIAS_N, BIAS_NM, BIAS_HZ = 0.4, 0.02, 0.2  # wandering, beside what the tare removes
 
 

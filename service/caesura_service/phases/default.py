@@ -27,7 +27,6 @@ FREE = PhaseKind(
     bounds=0.9,
     moving=0.65,
     step_m=0.12,
-    aside_step_m=0.12,
     weight=1.0,
 )
 CONTACT = PhaseKind(
@@ -44,7 +43,6 @@ CONTACT = PhaseKind(
     bounds=0.05,
     moving=0.5,
     step_m=0.12,
-    aside_step_m=0.12,
     weight=1.0,
 )
 TRANSPORT = PhaseKind(
@@ -61,7 +59,6 @@ TRANSPORT = PhaseKind(
     bounds=0.05,
     moving=0.75,
     step_m=0.12,
-    aside_step_m=0.12,
     weight=1.0,
 )
 CYCLE = PhaseKind(
@@ -78,7 +75,6 @@ CYCLE = PhaseKind(
     bounds=0.02,
     moving=0.6,
     step_m=0.05,
-    aside_step_m=0.12,
     weight=0.1,
 )
 # Strokes that go to and fro: a cycle whose strokes are those of a contact.

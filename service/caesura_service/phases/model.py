@@ -75,11 +75,10 @@ class PhaseKind:
     """The parameters of the phases of one kind; probabilities are per segment.
 
     own, aside: (free, contact, transport) contact state of its own segments, and of those that interrupt;
-    own_s, aside_s: their durations; step_m, aside_step_m [m]: standard deviation per axis of the displacement
-    of one that moves. moving: one of its segments is a movement. ends, interrupted: the phase ends, or is
-    interrupted, after one of its own segments. resumed: an interruption is over. repeats: a phase is resumed
-    at an end of an earlier stroke. retraces: it goes over its way again and again. bounds: a demonstration
-    begins, and ends, in this kind.
+    own_s, aside_s: their durations. moving: one of its segments is a movement; step_m [m]: standard deviation
+    per axis of its displacement. ends, interrupted: the phase ends, or is interrupted, after one of its own
+    segments. resumed: an interruption is over. repeats: a phase is resumed at an end of an earlier stroke.
+    retraces: it goes over its way again and again. bounds: a demonstration begins, and ends, in this kind.
     weight: the frequency at which it follows another kind, relative to other kinds.
     """
 
@@ -96,7 +95,6 @@ class PhaseKind:
     bounds: float
     moving: float
     step_m: float
-    aside_step_m: float
     weight: float
 
 
@@ -106,11 +104,12 @@ class Parameters:
 
     wrong: of a segment's class probabilities, the share that is spread evenly. priors: prior weight of each
     contact state in these probabilities. cut: the share of segments that are pieces, of any length. last: the
-    share that ends a demonstration. near_m, far_m [m]: standard deviation per axis of the place where a
-    stroke is repeated, and of any other place of the tool. again, by_chance: the share of its way that a
-    cycle retraces, and another movement; ways of `retraced_path.APART` times near_m do so independently.
-    left_open: how often a cycle that has not retraced its path ends, relative to one that has. memory:
-    segments of a phase that its next one may repeat.
+    share that ends a demonstration. aside_step_m [m]: standard deviation per axis of the displacement of a
+    movement that interrupts a phase, of any kind. near_m, far_m [m]: standard deviation per axis of the place
+    where a stroke is repeated, and of any other place of the tool. again, by_chance: the share of its way
+    that a cycle retraces, and another movement; ways of `retraced_path.APART` times near_m do so
+    independently. left_open: how often a cycle that has not retraced its path ends, relative to one that has.
+    memory: segments of a phase that its next one may repeat.
     """
 
     kinds: tuple[PhaseKind, ...]
@@ -118,6 +117,7 @@ class Parameters:
     priors: tuple[float, float, float] = (1.0, 1.0, 1.0)
     cut: float = 0.0
     last: float = 0.0
+    aside_step_m: float = 0.12
     near_m: float = 0.04
     far_m: float = 0.20
     again: float = 0.9
@@ -259,7 +259,7 @@ class Chain:
             for one in self.parameters.kinds
         ]
         steps = [
-            [_log_step(one.moving, step_m, segment) for step_m in (one.step_m, one.aside_step_m)]
+            [_log_step(one.moving, step_m, segment) for step_m in (one.step_m, self.parameters.aside_step_m)]
             for one in self.parameters.kinds
         ]
         each = (share + seconds + steps)[self.kind, self.aside]

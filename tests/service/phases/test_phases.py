@@ -221,7 +221,7 @@ def emitted(one: SegmentFeatures, kind, aside: bool, parameters) -> float:
     lasts = (1.0 - parameters.cut) * whole + parameters.cut * piece
     over = parameters.last * kind.bounds * (1.0 - kind.resumed if aside else kind.ends)
     lasts += over * (1.0 - lasts) if one.grows and not one.moves else 0.0
-    far = normal(one.end - one.start, np.zeros(3), kind.aside_step_m if aside else kind.step_m)
+    far = normal(one.end - one.start, np.zeros(3), parameters.aside_step_m if aside else kind.step_m)
     return (
         float(np.dot(classes, one.likelihood)) * lasts * (kind.moving * far if one.moves else 1 - kind.moving)
     )

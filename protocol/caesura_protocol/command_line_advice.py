@@ -27,6 +27,9 @@ ADVICE: Mapping[str, str] = MappingProxyType(
         "expected Gripper beside Export": "expected --gripper, or Gripper in the dashboard",
     }
 )
+_ADVICE_OF_OPTIONS: Mapping[str, str] = MappingProxyType(
+    {options: advice for advice, options in ADVICE.items()}
+)
 
 
 def at_command_line(text: str) -> str:
@@ -35,9 +38,7 @@ def at_command_line(text: str) -> str:
     >>> at_command_line("Robot not stated: no poses. State the robot, or send qx qy qz qw.")
     'Robot not stated: no poses. State --robot, or send qx qy qz qw.'
     """
-    for advice, options in ADVICE.items():
-        text = text.replace(advice, options)
-    return text
+    return _exchanged(text, ADVICE)
 
 
 def on_page(text: str) -> str:
@@ -46,6 +47,10 @@ def on_page(text: str) -> str:
     >>> on_page("Robot not stated: no poses. State --robot, or send qx qy qz qw.")
     'Robot not stated: no poses. State the robot, or send qx qy qz qw.'
     """
-    for advice, options in ADVICE.items():
-        text = text.replace(options, advice)
+    return _exchanged(text, _ADVICE_OF_OPTIONS)
+
+
+def _exchanged(text: str, by: Mapping[str, str]) -> str:
+    for old, new in by.items():
+        text = text.replace(old, new)
     return text

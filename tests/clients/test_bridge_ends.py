@@ -156,7 +156,9 @@ class Forgetful(FakeService):
 
     def _close(self, station, close):
         if not self.openings:
-            return ProtocolError("forbidden", "the session belongs to another station", value=close.session)
+            return ProtocolError(
+                "forbidden", "only another station has a session of that name", value=close.session
+            )
         return super()._close(station, close)
 
 

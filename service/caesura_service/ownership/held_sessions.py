@@ -52,7 +52,7 @@ class HeldSessions:
         if session is not None:
             return session
         if any(name in sessions for sessions in self._by_station.values()):
-            raise ProtocolError("forbidden", "the session belongs to another station", value=name)
+            raise ProtocolError("forbidden", "only another station has a session of that name", value=name)
         raise ProtocolError(
             "unknown_session",
             "no such session at this station",

@@ -51,8 +51,8 @@ class OverloadMonitor(BackgroundThread):
         if overloaded:
             self._dropped = self._queue.dropped
             logger.warning(
-                "overloaded by %s: %d messages wait in all, its part of the queue is %.0f %% full; "
-                "its new sessions are refused",
+                "overloaded by %s: %d messages are queued, the fullest share of the queue is %.0f %% full; "
+                "new sessions of these stations are refused",
                 ", ".join(sorted(map(_named, overloaded))),
                 len(self._queue),
                 100 * self._queue.fill_ratio(),

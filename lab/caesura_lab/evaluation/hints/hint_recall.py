@@ -2,7 +2,7 @@
 
     caesura evaluate --suite coaching
 
-The simulated teacher demonstrates with habits. `coaching_faults` injects the faults. A fault is found by a
+The simulated teacher demonstrates with habits. `injected_faults` injects the faults. A fault is found by a
 hint of its kind that is published after the fault begins, and active at some time from its cause until
 LATEST_S later. The time of publication is that of the last pushed sample: the latency includes conditioning
 and batches, and not the network. The same demonstrations without a fault count false hints.

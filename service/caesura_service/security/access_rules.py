@@ -16,7 +16,7 @@ from caesura_service.security.roles import Access, Identity
 
 Flow = Literal["ingress", "egress"]
 
-# Of the router: ingress is what comes from the one with the right, egress what goes to it. `answer`: declare
+# At the router: ingress is messages from the peer with the right, egress messages to it. `answer`: declare
 # a queryable and reply; `asked`: receive queries by a wider expression; `hold`: declare a liveliness token.
 MESSAGES: Mapping[str, Mapping[Flow, tuple[str, ...]]] = {
     "put": {"ingress": ("put",)},

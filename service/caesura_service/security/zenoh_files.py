@@ -99,7 +99,7 @@ def router_file(
         "link": {**_LINK, "tls": mutual},
         "shared_memory": {"enabled": False},
     }
-    comment = "Both sides show a certificate of our authority; a link ends when a certificate does."
+    comment = "Both sides show a certificate of the authority below; a link ends when a certificate does."
     rules = access_control(names, "cert_common_names")
     return _router(remark, listen, (comment, {"transport": transport}), rules)
 
@@ -159,19 +159,19 @@ def _router(
     return _json5(
         (remark, {"mode": "router"}),
         (
-            "Robots and dashboards connect here. A silent connection is left alone for an hour, for Zenoh\n"
-            "accepts nothing for 100 ms after each TLS handshake that fails.",
+            "Robots and dashboards connect here. A silent connection stays open for an hour, because Zenoh\n"
+            "accepts no connection for 100 ms after each TLS handshake that fails.",
             {"listen": {"endpoints": [with_handshake_timeout(listen)]}},
         ),
-        ("No peer is searched for: a factory network names its routers.", _QUIET),
+        ("No scouting: the routers of a factory network are configured.", _QUIET),
         security,
         (
             "A larger message is dropped without an answer; the service refuses those over half of it.",
             {"low_pass_filter": [limit]},
         ),
         (
-            "Who may do what, from the table of roles; what stands in no rule is denied. ingress is what\n"
-            "comes from the one with the right, egress what goes to it.",
+            "Access rules, from the table of roles; everything else is denied. Ingress: messages from the\n"
+            "peer with the right; egress: messages to it.",
             {"access_control": rules},
         ),
     )
@@ -184,8 +184,8 @@ def _client(endpoint: str, transport: Mapping[str, Any]) -> str:
             {"mode": "client"},
         ),
         ("The router; --connect names another.", {"connect": {"endpoints": [endpoint]}}),
-        ("No peer is searched for.", _QUIET),
-        ("How this client is known.", {"transport": {**transport, "shared_memory": {"enabled": False}}}),
+        ("No scouting.", _QUIET),
+        ("This client's credentials.", {"transport": {**transport, "shared_memory": {"enabled": False}}}),
     )
 
 

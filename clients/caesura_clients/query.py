@@ -173,7 +173,7 @@ def program_at_edit(transport: Transport, station: str, session: str, number: in
         raise _not_found(transport, f"station {station!r} has no session {session}", station)
     version = max(found, key=_rank).program
     if version.edit_revision != number:
-        raise CaesuraError(f"the service of {station} states no version of a program: update it")
+        raise CaesuraError(f"the service of {station} has no versions of a program: update the service")
     return version
 
 

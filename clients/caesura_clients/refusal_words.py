@@ -28,7 +28,7 @@ def refusal_words(
     if is_stale(error):
         return (
             f"another operator changed this meanwhile (it is at revision {error.limit}, "
-            f"you saw {error.value}): look at what is there now, and do it again"
+            f"you saw {error.value}): look at the current state, and do it again"
         )
     if action is not None and _has_no_such(error, action):
         return f"the service has no action {action.do!r}: it is an older version. Update it"

@@ -102,7 +102,7 @@ def test_a_second_one_on_the_same_endpoint_says_why_not():
         (("--listen", "tcp/127.0.0.1:99999"), "port 99999, expected 0 to 65535"),
         (("--connect", "tcp/127.0.0.1:99999"), "port 99999, expected 0 to 65535"),
         (("--listen", "foo/127.0.0.1:0"), "protocol 'foo', expected one of tcp, tls"),
-        (("--listen", "tcp/0.0.0.0:0"), "say --insecure"),
+        (("--listen", "tcp/0.0.0.0:0"), "set --insecure"),
         (("--listen", "tcp/127.0.0.1:{taken}"), "Address already in use"),
         (("--zenoh-config", "{config}"), "lost.pem: No such file"),
     ],
@@ -157,7 +157,7 @@ def test_a_journal_that_will_not_do_is_one_line(tmp_path):
 def test_what_other_machines_reach_is_not_listened_on_without_credentials():
     said = refused("--listen", "tcp/0.0.0.0:0", "--journal", "memory")
     assert "caesura serve: tcp/0.0.0.0:" in said
-    assert "say --insecure" in said
+    assert "set --insecure" in said
 
 
 def test_unless_it_is_named_and_how_long_a_record_may_wait_is_an_option_that_the_status_shows(tmp_path):

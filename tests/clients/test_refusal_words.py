@@ -106,13 +106,13 @@ REFUSALS: list[tuple[ProtocolError, Refused, str]] = [
         conflict("another operator has corrected the session meanwhile: look at it again", value=0, limit=2),
         Undo(),
         "another operator changed this meanwhile (it is at revision 2, you saw 0): "
-        "look at what is there now, and do it again",
+        "look at the current state, and do it again",
     ),
     (
         conflict("another operator has edited the program meanwhile: look at it again", value=0, limit=2),
         Undo(),
         "another operator changed this meanwhile (it is at revision 2, you saw 0): "
-        "look at what is there now, and do it again",
+        "look at the current state, and do it again",
     ),
     (  # It was taken for the edit of another operator.
         conflict("a program has 500 edits at most: undo some", limit=500),

@@ -50,7 +50,7 @@ READ = r"""() => {
 # As the dashboard's server would send it: what a subscriber got before the answer to an edit, sent after it.
 LATE = """(payload) => runMethod(+document.querySelector(".plots").closest("[id^=c]").id.slice(1), "take",
   [0, payload])"""
-OUTDATED = "Not done. The session has been corrected since: look at what is there now."
+OUTDATED = "Not done. The session has been corrected since: look at the current state."
 TICKS = "() => [...document.querySelector('.plots').plots.plots.values()].at(-1).plot.axes[0]._values"
 FONTS = "() => [...document.querySelector('.plots').plots.plots.values()].map(({ plot }) => plot.ctx.font)"
 # A second press of Enter, which comes as soon as another Undo has the focus.

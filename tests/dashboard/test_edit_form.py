@@ -142,7 +142,7 @@ def test_what_an_app_cannot_have_is_refused_in_the_words_of_the_command_line(des
     assert words in typed(desk, stage, "change", str(desk.number("apply_force") + 1), "force=0.0001")
     with stage.reader() as caesura:
         caesura.edit_program(desk.station, "over", NameProgram(name="Press"), author="Bob")
-    desk.is_said("Not done. The program has been edited since: look at what is there now.")
+    desk.is_said("Not done. The program has been edited since: look at the current state.")
 
 
 def typed(desk: Desk, stage: Stage, *words: str) -> str:

@@ -101,7 +101,7 @@ def test_a_service_without_versions_is_named_and_a_session_that_is_not_there_too
         program = whole.program.model_copy(update={"edit_revision": 7})
         service.snapshots = [whole.model_copy(update={"program": program})]
         assert compared_versions(transport, *OVER, {"from": 7, "to": 7})["said"] == "No app differs."
-        with pytest.raises(EditRefused, match="the service of cell-1 states no version of a program"):
+        with pytest.raises(EditRefused, match="the service of cell-1 has no versions of a program"):
             compared_versions(transport, *OVER, {"from": 0, "to": 7})
         with pytest.raises(EditRefused, match="has no session gone"):
             compared_versions(transport, "cell-1", "gone", {"from": 0, "to": 7})

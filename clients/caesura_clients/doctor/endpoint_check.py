@@ -14,7 +14,7 @@ from caesura_protocol.transport.diagnosis import CERTIFICATE_WARNS_S
 
 TIMEOUT_S = 2.0
 CHECK = "endpoint"
-_REFUSED = " does not let us in: "
+_REFUSED = " rejects this client: "
 _SOCKETS = ("tcp", "tls")  # what a plain connection can look at
 REMEDIES: Mapping[type[Exception], str] = {  # of the first kind that it is
     socket.gaierror: "no such host here: check the name, or use its address",

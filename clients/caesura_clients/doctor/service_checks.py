@@ -122,8 +122,8 @@ def _check_clock(reported: TimedServiceStatus) -> CheckResult:
     way = "ahead of" if ahead_s > 0 else "behind"
     found = f"{status.instance} is {_duration(abs(ahead_s))} {way} this machine (± {_duration(half_s)})"
     remedy = (
-        "set both by NTP; segments are not touched, they run on the robot's own clock, but the times "
-        "in logs and in the journal are"
+        "set both by NTP; segments are right, because they use the robot's own clock; times in logs and in "
+        "the journal are not"
     )
     return graded("clock", found, (abs(ahead_s) - half_s > CLOCK_LIMIT_S, "warn", remedy))
 

@@ -94,7 +94,7 @@ def diagnose_connection(endpoint: str, read: Read, *, for_s: float | None = None
         return Unreachable(f"{endpoint} {error.what}{tried}{error.why}")
     except OSError as error:
         return Unreachable(f"no router at {endpoint}{tried}: {error.strerror or error}; check the network")
-    return AccessDenied(f"{endpoint} does not let us in: {said}")
+    return AccessDenied(f"{endpoint} rejects this client: {said}")
 
 
 def listener_certificate_end(endpoint: str, read: Read) -> float | None:

@@ -93,8 +93,8 @@ def serve(
         str | None,
         typer.Option(
             metavar="DIR",
-            help="Directory of the journal; memory keeps sessions only until the service ends. "
-            "By default caesura in the user's state directory.",
+            help="Directory of the journal, by default caesura in the user's state directory. `memory` in "
+            "its place keeps sessions only until the service ends.",
         ),
     ] = None,
     journal_commit_s: Annotated[
@@ -112,7 +112,8 @@ def serve(
         float,
         typer.Option(
             min=0.01,
-            help="Size \\[GB] beyond which the oldest closed sessions are deleted. Open ones have a share.",
+            help="Size \\[GB] beyond which the oldest closed sessions are deleted. It also limits the open "
+            "sessions of each station.",
         ),
     ] = JournalSettings.size_bytes / GB,
     metrics: Annotated[

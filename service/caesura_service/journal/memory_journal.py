@@ -76,7 +76,7 @@ class MemoryJournal:
                 self.delete(*oldest)
             elif total > self.capacity_bytes + spare:
                 why = (
-                    f"the journal in memory is full of {'/'.join(key)}, it holds {self.capacity_bytes} "
+                    f"session {'/'.join(key)} fills the journal in memory, which holds {self.capacity_bytes} "
                     "bytes: close the session, and serve with --journal DIR"
                 )
                 raise JournalShareError(why, sizes[most], self.capacity_bytes)

@@ -93,18 +93,18 @@ def exposure_error(endpoint: str) -> str:
     return (
         f"{endpoint} can be reached from other machines, where every client may do anything: "
         "demand credentials (caesura certs DIR makes certificates and a router.json5 for --zenoh-config), "
-        "listen on 127.0.0.1, or say --insecure"
+        "listen on 127.0.0.1, or set --insecure"
     )
 
 
 def exposure_warnings(endpoint: str, read: Read) -> Iterator[str]:
-    """Return the warnings about an endpoint that other machines reach."""
+    """Yield the warnings about an endpoint that other machines reach."""
     credentials = required_credentials(endpoint, read)
     if credentials == "nothing":
         yield f"{endpoint} is open to every client that reaches it: --insecure"
         return
     if parse_endpoint(endpoint).protocol not in ENCRYPTED:
-        yield f"{endpoint} is not encrypted: who is on the way reads everything, and may take a link over"
+        yield f"{endpoint} is not encrypted: a machine on the way can read everything, and hijack a link"
     if not read("access_control/enabled"):
         yield f"{endpoint} has no access rules: a client with any {credentials} may pose as any station"
 

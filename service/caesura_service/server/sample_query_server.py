@@ -103,7 +103,7 @@ class SampleServer(BackgroundThread):
                 is_made = True
                 if self._log_rate.allows(key[0]):
                     logger.warning("no overview of %s: %s", "/".join(key), error)
-            except Exception:  # a reader who asks makes it
+            except Exception:  # the first query for it makes it
                 is_made = True
                 if self._log_rate.allows(key[0]):
                     logger.exception("no overview of %s", "/".join(key))

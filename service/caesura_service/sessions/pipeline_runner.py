@@ -314,8 +314,8 @@ class PipelineHost:
                     corrections = corrections.as_anew()
                 pipeline = self._pipeline.corrected(corrections.active)
                 logger.warning(
-                    "%s/%s: the journal has no result of the edit of revision %d by %s: an older version "
-                    "wrote it. It is resolved again, and may differ",
+                    "%s/%s: the journal has no result of the edit of revision %d by %s, written by an older "
+                    "version: the edit is resolved again, and its result may differ",
                     self.state.station,
                     self.state.session,
                     edit.revision,

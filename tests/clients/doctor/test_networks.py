@@ -286,9 +286,9 @@ def test_a_file_that_cannot_be_read_is_what_has_to_be_corrected(tmp_path):
 
 def test_what_stands_between_us_and_a_router_is_reported_with_its_remedy():
     found = no_session(
-        AccessDenied("tls/x:1 does not let us in: it demands a certificate: --zenoh-config FILE")
+        AccessDenied("tls/x:1 rejects this client: it demands a certificate: --zenoh-config FILE")
     )
-    assert found.found == "tls/x:1 does not let us in: it demands a certificate"
+    assert found.found == "tls/x:1 rejects this client: it demands a certificate"
     assert found.remedy == "--zenoh-config FILE"
     assert no_session(Unreachable("no router at tcp/x:1 for 3 s")).remedy
 

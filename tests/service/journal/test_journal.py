@@ -213,7 +213,7 @@ def test_a_journal_in_memory_drops_the_oldest_session_when_it_is_full_and_never_
             journal.append(record(session, seq))
     assert journal.sessions() == (("cell-1", "s2"),)
     journal.append(record("s2", 6))
-    with pytest.raises(JournalError, match="full of cell-1/s2, it holds 10000 bytes: close the session"):
+    with pytest.raises(JournalError, match="which holds 10000 bytes: close the session"):
         journal.append(record("s2", 7))
     kept = len(list(journal.replay("cell-1", "s2")))
     assert kept == 7
@@ -229,7 +229,7 @@ def test_a_journal_in_memory_that_is_full_takes_from_the_station_that_has_most()
         journal.append(Record("greedy", session, 0.0, batch(seq)))
     journal.append(Record("small", "s1", 0.0, batch(1)))
     assert journal.sessions() == (("small", "s1"), ("greedy", "s2"))
-    with pytest.raises(JournalError, match="full of greedy/s2"):
+    with pytest.raises(JournalError, match="session greedy/s2 fills the journal"):
         journal.append(Record("greedy", "s2", 0.0, batch(5)))
     assert journal.sessions() == (("small", "s1"), ("greedy", "s2"))
 

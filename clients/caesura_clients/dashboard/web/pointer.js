@@ -4,7 +4,7 @@ import { BAND_HEIGHT, namedAt } from "caesura-dashboard/marks.js";
 
 const MOVED = 4; // pixels, from which on a press is a drag
 const ROOM = 30;
-const GONE = "Not done. The changepoint was moved or removed while you dragged it: look at what is there now.";
+const GONE = "Not done. The changepoint was moved or removed while you dragged it: look at the current state.";
 const LONG_MS = 500; // of a press by a finger that opens the menu
 
 export const pointer = {

@@ -15,7 +15,7 @@ import { unsaved } from "caesura-dashboard/unsaved.js";
 
 const requests = unanswered("program-edit");
 const UNANSWERED = "An edit was asked for before this page was loaded again, and no answer came: make it again if it is not listed below.";
-const OUTDATED = "Not done. The program has been edited since: look at what is there now.";
+const OUTDATED = "Not done. The program has been edited since: look at the current state.";
 const NEAR = 60; // pixels
 const LISTED = 100; // apps at a time, as `program_timeline.py` has it
 const PLACES = ["move", "insert", "duplicate"]; // edits by which an app beside another gets or changes its place

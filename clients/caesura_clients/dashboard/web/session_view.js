@@ -28,7 +28,7 @@ import { YScales } from "caesura-dashboard/y_scales.js";
 
 const requests = unanswered("correction");
 const UNANSWERED = "A correction was asked for before this page was loaded again, and no answer came: make it again if it is not listed below.";
-const OUTDATED = "Not done. The session has been corrected since: look at what is there now.";
+const OUTDATED = "Not done. The session has been corrected since: look at the current state.";
 const UNSELECTED = "No changepoint is selected: Page ↑ and Page ↓ select one.";
 const HELD_COLUMNS = 3000; // of run lengths: five minutes
 const SHOWN = "caesura-signals";

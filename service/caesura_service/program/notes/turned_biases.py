@@ -45,7 +45,7 @@ def turned_biases_note(apps: Iterable[App], moment_at: MomentAt, began: float, e
     said = "; ".join(largest_parts(found, lambda one: one[2], _in_words, NAMED, "weaker ones"))
     return (
         f"Forces that turn with the flange, as a bias of the sensor does: {said}. If nothing was touched "
-        "there, correct it to motion, and record the wrench in the axes of the flange (force_frame)."
+        "there, correct these times to motion, and record the wrench in the axes of the flange (force_frame)."
     )
 
 

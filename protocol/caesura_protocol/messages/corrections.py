@@ -49,7 +49,7 @@ class Move(Message):
 
 
 class Relabel(Message):
-    """Set the kind of the segment that contains `t`. Its changepoints stay, and none is then inside it."""
+    """Set the kind of the segment that contains `t`, which keeps its changepoints and gets none inside."""
 
     do: Literal["relabel"] = "relabel"
     t: Seconds  # [s]

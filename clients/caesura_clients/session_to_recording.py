@@ -1,4 +1,4 @@
-"""A recording of a session's samples, with the statements in its results."""
+"""A session's samples as a recording that declares the same as the session."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from caesura_protocol.recording import ASSUMED, ASSUMED_FRAME, Recording
 def stated_recording(
     columns: Sequence[str], rows: Array, status: SessionStatus, program: Program, *, unit: LengthUnit
 ) -> Recording:
-    """Return samples (n, columns), time first, as a recording that opens a session with the same statements.
+    """Return samples (n, columns), time first, as a recording that declares the same as their session.
 
-    unit: length unit of the positions. The results do not contain the tolerances of paths; the service's
-    defaults apply.
+    Declared are the wrench source, the hand, the frame of the force, robot, up and force limit. unit: length
+    unit of the positions. The results do not contain the tolerances of paths; the service's defaults apply.
     """
     wrench = status.wrench
     said = (*program.notes, *(() if wrench.frame_stated else (ASSUMED_FRAME,)))

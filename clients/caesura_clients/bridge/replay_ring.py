@@ -77,9 +77,10 @@ class ReplayRing:
                 evicted += 1
 
     def sent_range(self, requested: ReplayRange) -> list[StoredBatch]:
-        """The batches of a range that have been sent, oldest first, at most `requested.limit`.
+        """Return the stored batches of a range, oldest first, at most `requested.limit`.
 
-        Raises ProtocolError `evicted`, which names the oldest, where the range begins before it.
+        Some may not have been published yet. Raises ProtocolError `evicted`, which names the oldest batch, if
+        the range begins before it.
         """
         with self._lock:
             if not self._entries:

@@ -107,7 +107,7 @@ class FileCompression(GZipMiddleware):
             if answer[0]["status"] == 200 and len(self._answers) < MOST_ANSWERS:
                 self._answers[key] = answer
         for message in answer:
-            await send(dict(message))  # what stands around this adds headers
+            await send(dict(message))  # outer middleware adds headers
 
     async def _prepare(self, started: Scope, over: asyncio.Event) -> None:
         """Build the prepared page, and cache its files. over: set when the application ends."""

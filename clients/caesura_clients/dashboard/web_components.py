@@ -49,7 +49,7 @@ class LiveElement(Element, esm={PACKAGE: str(WEB)}):
         return self._ready and len(self._sent) < UNSEEN
 
     def show(self, payload: dict[str, Any]) -> None:
-        """Send a payload as the new content, unless it equals the last one."""
+        """Send a payload as the new content, unless it equals the last one or the browser is not free."""
         if self.is_free and payload != self._last:
             self._last = payload
             self.send(payload)
@@ -204,13 +204,13 @@ class ProgramTimeline(LiveElement, component="web/program.js"):
         self.on("part", on_part)
 
     def follow(self, timeline: dict[str, Any]) -> None:
-        """Send the changes of a timeline."""
+        """Send the changes of a timeline. If the browser is not free, the next call sends them."""
         if self.is_free and (payload := changes(self._known, timeline)):
             self._known = timeline
             self.send(payload)
 
     def forget(self) -> None:
-        """Show no program: its session is not there any more."""
+        """Show no program, because its session no longer exists."""
         if self.is_free and self._known:
             self._known = {}
             self.send({"gone": True})
@@ -274,7 +274,10 @@ class SessionView(LiveElement, component="web/session_view.js"):
         self.on("run-lengths", self._want)
 
     def follow(self, update: Update | None, more: dict[str, Any]) -> None:
-        """Send the changes of a session. more: added to any payload that is sent."""
+        """Send the changes of a session. If the browser is not free, the next call sends them.
+
+        more: added to the payload; dropped if the browser is not free.
+        """
         if not self.is_free:
             return
         known, payload = delta(self._known, update)

@@ -2,10 +2,10 @@
 
 Retention never deletes an open session. So a station's open sessions use at most half of what the open
 sessions of other stations leave, and all of them together stay below the journal's size. If the journal is
-over its size and retention has nothing to delete, they use no more than the station's part.
+over its size and retention has nothing to delete, they use no more than the station's part (`retention`).
 
-Batches and all other records count. A close is always accepted. A resumed opening and a declared loss, which
-a session may need to end, are accepted for ENDING_BYTES more.
+Batches and all other records count. A close and the opening of a new session are always accepted. A resumed
+opening and a declared loss, which a session may need to end, are accepted for ENDING_BYTES more.
 """
 
 from __future__ import annotations

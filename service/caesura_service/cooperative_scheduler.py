@@ -109,7 +109,7 @@ class Slices:
         return stack is None or self._do(name, stack, self.slice_s)
 
     def finish(self, name: str) -> None:
-        """Run the rest of a work at once, if there is any, also what would stand aside."""
+        """Run the rest of a work at once, if it is unfinished; also the part after `stand_aside`."""
         while (stack := self._under_way.pop(name, None)) is not None:
             self._do(name, stack, inf)
 

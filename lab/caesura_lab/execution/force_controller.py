@@ -54,7 +54,11 @@ class ForceController:
         return self.depth_m is not None and self._left_m > SUNK_M
 
     def push_n(self, want_n: float, speed: float, resists_n: float) -> float:
-        """Return the force [N] to push with; speed: [m/s] along the press; resists_n: of the object."""
+        """Return the force to push with in a tick [N].
+
+        want_n: the wanted force; speed: [m/s] of the tool along the press; resists_n: the force with which
+        the object pushes back. All are those at the beginning of the tick.
+        """
         fast = 0.0 if self.depth_m is None else speed - (BOTTOM_M_PER_S + SINKING_PER_S * self._left_m)
         slowed_n = min(SINKING_NS_PER_M * max(fast, 0.0), want_n + self.correction_n)
         spared = max(1.0 - resists_n / want_n, 0.0) if self.sinks and want_n > 0.0 else 0.0
@@ -62,7 +66,10 @@ class ForceController:
         return want_n + self.correction_n - slowed_n + URGING_NS_PER_M * max(-fast, 0.0) * spared
 
     def correct(self, want_n: float, speed: float, resists_n: float, dt: float) -> None:
-        """Correct the force after a tick of dt [s]; the other arguments as before it, in `push_n`."""
+        """Update the correction after a tick of dt [s].
+
+        want_n, speed and resists_n have the values with which `push_n` was called for this tick.
+        """
         bounces = self.depth_m is not None and not self.sinks and abs(speed) > BOUNCING_M_PER_S
         wrong_n, before = want_n - resists_n, self._slowest_m_per_s
         self._slowest_m_per_s = max(speed, 0.0)

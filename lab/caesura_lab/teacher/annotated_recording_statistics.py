@@ -50,7 +50,7 @@ STATISTICS: dict[str, tuple[str, str]] = {
 
 
 def measure(recording: Recording, truth: dict[str, Any]) -> dict[str, list[float]]:
-    """Every statistic of `STATISTICS` that the recording has, each occurrence one value."""
+    """Return the values of each statistic of `STATISTICS` that applies, by name, one for each occurrence."""
     t, pos = _gridded(recording.t, recording.signals["pos"])
     rests = [s for s in truth["segments"] if s["cls"] in ("steady", "hold")]
     moves = [s for s in truth["segments"] if s["cls"] in ("motion", "transport", "sliding")]

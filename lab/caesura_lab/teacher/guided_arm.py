@@ -226,9 +226,10 @@ def velocity_change(
     at_tip: Array | None,
     torques: Array | None = None,
 ) -> Array:
-    """Change of joint velocity v (n,) in one tick under a wrench (6,) at the flange and torques (n,) [Nm].
+    """Return the change of the joint velocity v (n,) [rad/s] in one tick.
 
-    friction_nm: (n,) Coulomb friction of the joints; at_tip: (3, n) Jacobian where a load adds its mass.
+    flange_wrench: (6,) [N, Nm]; torques: (n,) [Nm] on the joints; friction_nm: (n,) Coulomb friction of the
+    joints; at_tip: (3, n) Jacobian of the point at which a load adds its mass, None without a load.
     """
     resistance: Array = friction_nm / (np.abs(v) + STICK_RAD_PER_S) + JOINT_DAMPING
     driving = flange_wrench.dot(arm.jacobian)

@@ -63,11 +63,11 @@ FULL_SPEED_NOISE = 2.0  # times the noise at 0.1 m/s, reached in proportion to t
 class Plan:
     """Intended motion and force of a hand, tick by tick (n ticks of `DT`).
 
-    position: (n, 3) [m] set place of the flange; velocity: (n, 3) [m/s]; force: (n, 3) [N] and torque:
-    (n, 3) [Nm] that it adds to holding that place; feed_forward: (n, 3) [N], how much of that is for getting
-    there; press: (n,) [N] that it means the surface to feel; aims: what it means to press with where it
-    controls its force; width: (n,) [m] between the fingers; load_kg: (n,) [kg] held by them; turns: where it
-    means the tool to point, None where it keeps its orientation; phases: when it means to begin each skill.
+    position: (n, 3) [m] intended position of the flange; velocity: (n, 3) [m/s]; force: (n, 3) [N] and
+    torque: (n, 3) [Nm] that the hand adds to those that hold the position; feed_forward: (n, 3) [N], the part
+    of the force that moves the arm; press: (n,) [N] intended force on the surface; aims: intended force where
+    the hand controls it; width: (n,) [m] between the fingers; load_kg: (n,) [kg] held by them; turns:
+    intended orientation of the tool, None if it does not change; phases: intended beginning of each skill.
     All in the base frame.
     """
 
@@ -149,7 +149,7 @@ class _Planner:
         self.lead = 0.0  # [s] by which the next step begins early, because the last one does not stop
         self.place = np.array(scenario.start)  # [m] where the strokes so far lead
         self.push = np.zeros(3)  # [N] what the hand adds to holding its place
-        self.press = 0.0  # [N] what it means the surface to feel
+        self.press = 0.0  # [N] intended force on the surface
         self.strokes: list[Movement] = []
         self.angle = 0.0  # [rad] to which the turns so far lead
         self.turns: list[Movement] = []  # of the tool, [rad] in the first of three columns

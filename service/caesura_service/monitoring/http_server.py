@@ -146,7 +146,7 @@ class ConnectionSlots:
         self._lock = threading.Lock()
 
     def admit(self, request: socket.socket, peer: str) -> None:
-        """Admit a connection. When all places are taken, evict the oldest of the peer with the most."""
+        """Admit a connection. At the capacity, close the oldest one of the peer that has the most."""
         with self._lock:
             if len(self._peers) >= self._capacity:
                 held = Counter(self._peers.values())

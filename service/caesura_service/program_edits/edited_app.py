@@ -61,7 +61,7 @@ class EditedApp:
         return EditedApp(self.inferred, self.key, values, marks)
 
     def with_values(self, given: Mapping[AppField, Any]) -> EditedApp:
-        """Return the app with other values of some fields."""
+        """Return the app with the given values in place of its own."""
         return EditedApp(self.inferred, self.key, {**self.values, **given}, self.marks)
 
 

@@ -111,7 +111,10 @@ class EditedAppList:
             self.known.append(found)
 
     def place(self, wanted: AppReference) -> int:
-        """Return the index of the app that a reference names. Raises NotApplicableError without one."""
+        """Return the index of the app that a reference names. Raises NotApplicableError if there is none.
+
+        An app that was at another time when it was edited is noted, for the reason of the edit.
+        """
         index = self._find(wanted)
         found = self._at(index).inferred
         if wanted.added is None and max(abs(found.t0 - wanted.t0), abs(found.tn - wanted.tn)) > OTHER_S:

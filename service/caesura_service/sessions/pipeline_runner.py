@@ -266,7 +266,7 @@ class PipelineHost:
         return [*outputs]
 
     def describe(self, description: Description, author: str | None = None) -> Publish:
-        """Replace the description, and publish it. author: of a `Describe`; None: it is no such command."""
+        """Replace the description, and publish it. author: of the `Describe`; None at a close."""
         self.state = self.state.with_description(description, author)
         return self.publish_status()
 

@@ -1,6 +1,7 @@
-"""Tasks of many strokes, by the laws of `contact_tasks.py`: what people repeat, and how, differs. For phases.
+"""Tasks of many strokes, by the laws of `contact_tasks.py`, on which the phases are evaluated.
 
-Each has three phases, of which the second has 3 to 10 strokes. No parameter of a model was chosen on them.
+The tasks differ in what is repeated, and how. Each has three phases, of which the second has 3 to 10 strokes.
+No parameter of a model was chosen on them.
 Kinds of task:
 
 - `wipe_growing`: strokes to and fro, each longer than the one before.

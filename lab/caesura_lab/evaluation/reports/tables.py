@@ -32,7 +32,7 @@ TYPICAL = 8  # so many lines of each list of errors
 
 
 def as_text(report: Report, *, detailed: Sequence[str] = ()) -> RenderableType:
-    """For a terminal of 80 columns: intervals stand below their values.
+    """Render the report for a terminal of 80 columns, with intervals below their values.
 
     detailed: methods whose confusion and typical errors are shown.
     """
@@ -40,7 +40,7 @@ def as_text(report: Report, *, detailed: Sequence[str] = ()) -> RenderableType:
 
 
 def as_markdown(report: Report, *, detailed: Sequence[str] = ()) -> str:
-    """For a page: intervals stand beside their values. detailed: as in `as_text`."""
+    """Render the report as Markdown, with intervals beside their values. detailed: as in `as_text`."""
     return GridPage(report.title, list(_grids(report, "{} ({})", detailed)), _notes(report)).as_markdown()
 
 

@@ -31,7 +31,7 @@ NOTES = (
 
 
 def as_text(report: Report, title: str) -> RenderableType:
-    """For a terminal of 80 columns."""
+    """Render the results for a terminal of 80 columns."""
     return GridPage(title, list(_grids(report)), ["", *NOTES]).as_text()
 
 

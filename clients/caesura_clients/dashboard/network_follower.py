@@ -189,7 +189,7 @@ class NetworkFollower(RepeatingThreads):
                 self._remove((event.station, event.session))
 
     def _remove(self, gone: Key) -> None:
-        """Remove a session that the service holds no longer, also as it was read before it was held."""
+        """Remove a session that the service no longer holds, and its copy read from the journal."""
         with self._changing:
             world = self.world
             self.world = replace(

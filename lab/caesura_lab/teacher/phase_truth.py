@@ -27,9 +27,9 @@ def phases_of(
 ) -> list[dict[str, Any]]:
     """Return the phases from 0 to end_s [s], each from its event on.
 
-    An event is the nearest of its kind to when it was meant, after the phase before it has begun. Empty where
-    no skill begins, and where an event did not happen, as of a hand that grasps above the table: which phase
-    that time belongs to is then not clear.
+    Of several events of a kind, a phase begins with the one nearest to the intended time, after the phase
+    before it has begun. Empty if no skill begins, or if an event did not happen, such as a contact when the
+    hand grasps in the air: the phase of that time is then unclear.
     """
     times = [0.0]
     for name, event, intended_s in starts:

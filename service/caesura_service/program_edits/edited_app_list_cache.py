@@ -19,12 +19,12 @@ from caesura_service.program_edits.edited_app_list import EditedAppList
 
 STEP = 64  # edits between two drafts that are remembered
 NEWEST = 3  # drafts: after the last edit, after one that is refused, and of another version
-AT_ONCE = 64  # apps that are read before others have their turn
-PROGRAMS = 2  # inferred programs: of now, and with a correction that is looked at
+AT_ONCE = 64  # apps that are read between two pauses
+PROGRAMS = 2  # inferred programs: the current one, and that of a previewed correction
 
 
 def go_on() -> None:
-    """Make no pause."""
+    """Continue at once: the default pause after an edit."""
 
 
 class _Drafts(NamedTuple):
@@ -53,7 +53,7 @@ class _Drafts(NamedTuple):
 
 
 class EditedAppListCache:
-    """Drafts of one session's program."""
+    """The cached drafts of one session, for each of its last inferred programs."""
 
     def __init__(self) -> None:
         self._programs: tuple[_Drafts, ...] = ()  # the last one used first

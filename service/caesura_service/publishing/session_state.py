@@ -94,7 +94,7 @@ class SessionState(NamedTuple):
         )
 
     def with_description(self, description: Description, author: str | None = None) -> SessionState:
-        """Return the state with another description. author: of a `Describe`; None: it is no such command."""
+        """Return the state with another description. author: of the `Describe`; None at a close."""
         before = dict(self.description)
         changed = [name for name, value in description if value != before[name]]
         authors = {one.field: one for one in self.described_by if one.field not in changed}

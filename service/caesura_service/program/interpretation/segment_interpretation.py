@@ -73,7 +73,7 @@ class _Place(NamedTuple):
 
     @property
     def later(self) -> Iterator[ProgramSegment]:
-        """The steps after it."""
+        """The steps after this one."""
         return islice(self.steps, self.number, None)
 
 

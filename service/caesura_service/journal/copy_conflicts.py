@@ -25,7 +25,7 @@ class Changes(NamedTuple):
     """Changes of a session by people, oldest first; of either kind each follows from the one before."""
 
     edits: tuple[Recordable, ...]
-    annotations: tuple[Recordable, ...]  # descriptions and edits of the program
+    neutral: tuple[Recordable, ...]  # descriptions and edits of the program: they alter no result
 
     @classmethod
     def of(cls, messages: Iterable[Recordable]) -> Changes:
@@ -54,7 +54,7 @@ def refused_in(
         made, counted = changes()
         if made is not None and counted is not None:
             edits = _beside(made.edits, counted.edits)
-            described = _beside(made.annotations, counted.annotations)
+            described = _beside(made.neutral, counted.neutral)
     has_gone_on = counting.last_seq > mine.last_seq and counting.touched > mine.touched
     close = mine.closed and has_gone_on
     is_all = not close and (edits, described) == (mine.edits, mine.described)

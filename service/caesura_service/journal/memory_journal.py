@@ -176,7 +176,7 @@ class MemoryJournal:
     def retract(self, station: str, session: str, refused: Refused, why: str) -> None:
         """Delete what was refused: memory keeps none."""
         key = (station, session)
-        places: dict[bool | None, list[int]] = {}  # of edits, of annotations, and of the close (None)
+        places: dict[bool | None, list[int]] = {}  # of edits, of neutral changes, and of the close (None)
         for place, record in enumerate(self._records[key]):
             if isinstance(record.message, (*CHANGES, Close)):
                 kind = None if isinstance(record.message, Close) else isinstance(record.message, AppliedEdit)

@@ -253,12 +253,12 @@ def is_behind(session: Session, copies: SessionCopies) -> bool:
         return False
     peer = copies.peer.copy
     further = peer.closed or peer.last_seq >= session.next_seq
-    described = peer.described > session.state.annotations
+    described = peer.described > session.state.neutral_changes
     return (session.is_open and further) or peer.edits > session.revision or described
 
 
 def is_current(outcome: Outcome, copies: Copy | SessionCopies) -> bool:
-    """Return whether an outcome contains all corrections and annotations of the copies.
+    """Return whether an outcome contains all corrections, descriptions and program edits of the copies.
 
     After a power failure a later one may be recorded and not yet be in the outcome.
     """

@@ -77,7 +77,7 @@ class SessionState(NamedTuple):
     program_edits: EditLog = EditLog()
 
     @property
-    def annotations(self) -> int:
+    def neutral_changes(self) -> int:
         """The number of changes that alter no result: of the description, and edits of the program."""
         return self.described + self.program_edits.revision
 

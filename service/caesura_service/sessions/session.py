@@ -117,7 +117,7 @@ class Session:
     @property
     def has_records(self) -> bool:
         """Whether this instance's journal has all of the session's records, so that more can follow."""
-        return self.is_open or self._journal.exist(self.revision, self.state.annotations)
+        return self.is_open or self._journal.exist(self.revision, self.state.neutral_changes)
 
     @property
     def revision(self) -> int:
@@ -165,8 +165,8 @@ class Session:
 
         edits: as in `replay_records`. Publishes nothing. Raises as `receive`.
         """
-        before = self.is_open, self.revision, self.state.annotations
-        known = self.state.annotations  # so many of the descriptions and program edits were applied earlier
+        before = self.is_open, self.revision, self.state.neutral_changes
+        known = self.state.neutral_changes  # descriptions and program edits that were applied earlier
         try:
             with self._journal.copying(), self._collecting_edits():
                 self._host.prefilter_edits(edits)
@@ -178,7 +178,7 @@ class Session:
                     yield
         finally:
             self._receiver.reset_backoff()
-            if (self.is_open, self.revision, self.state.annotations) != before:
+            if (self.is_open, self.revision, self.state.neutral_changes) != before:
                 self._store_outcome()
 
     @contextmanager

@@ -41,17 +41,16 @@ class SessionJournal:
         finally:
             self._journal = journal
 
-    def exist(self, edits: int, annotations: int) -> bool:
-        """Whether the journal has the records of a closed session, with these numbers of edits and
-        annotations.
+    def exist(self, edits: int, neutral_changes: int) -> bool:
+        """Whether the journal has the records of a closed session, with at least these numbers of changes.
 
-        An incomplete copy of a peer's records has fewer: a record appended to it would take the place
-        of a missing one.
+        neutral_changes: descriptions and edits of the program. An incomplete copy of a peer's records has
+        fewer: a record appended to it would take the place of a missing one.
         """
         if self._journal is None:
             return True
         return any(
-            copy.closed and copy.edits >= edits and copy.described >= annotations
+            copy.closed and copy.edits >= edits and copy.described >= neutral_changes
             for copy in self._journal.copies(self._station, self._session)
         )
 

@@ -7,7 +7,7 @@ import threading
 
 
 def wait_for_the_end() -> None:
-    """Return at Ctrl-C or SIGTERM."""
+    """Wait for Ctrl-C or SIGTERM."""
     over = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: over.set())

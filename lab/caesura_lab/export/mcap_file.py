@@ -30,7 +30,7 @@ def write_mcap(path: Path, session: SessionExport) -> int:
 
 
 def entries(session: SessionExport) -> list[McapMessage]:
-    """Yield every message in order of time."""
+    """Return every message in order of time."""
     return list(entries_of(content_of(session)))
 
 

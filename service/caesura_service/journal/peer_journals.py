@@ -153,7 +153,7 @@ class PeerJournals:
         return changes_of(key, rows or ())
 
     def records(self, found: PeerCopy, first_seq: int = 0) -> Iterator[Record]:
-        """Return a copy's records without batches before `first_seq`, with those appended meanwhile.
+        """Yield a copy's records without batches before `first_seq`, with those appended meanwhile.
 
         Ends early if the journal is damaged.
         """

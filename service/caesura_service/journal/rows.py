@@ -168,7 +168,7 @@ class SessionRow(NamedTuple):
 
 
 def pages_of(database: sqlite3.Connection, session: SessionRow, last: int) -> Iterator[list[Stored]]:
-    """Return a session's rows up to the place `last`, a page at a time.
+    """Yield a session's rows up to the place `last`, a page at a time.
 
     Raises JournalDamagedError at a damaged row, and at the end if rows are missing.
     """

@@ -58,7 +58,7 @@ def log_integrity_error(path: Path) -> str | None:
 
 
 def _commits(log: Path) -> Iterator[int]:
-    """Return the numbers of the frames that end a commit, readable or not."""
+    """Yield the numbers of the frames that end a commit, readable or not."""
     with log.open("rb") as file:
         _, _, page_size, _, *salts, _, _ = _HEADER.unpack(file.read(_HEADER.size))
         number = 0

@@ -66,7 +66,7 @@ def _rules(holder: Identity) -> Iterator[dict[str, Any]]:
 
 
 def granted_rights(access: Access) -> Iterable[tuple[str, tuple[str, ...]]]:
-    """Return each granted verb with its key expressions."""
+    """Yield each granted verb with its key expressions."""
     for verb in fields(access):
         keys: tuple[str, ...] = getattr(access, verb.name)
         if keys:

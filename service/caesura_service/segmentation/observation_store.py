@@ -36,12 +36,12 @@ _ACCELERATION, _COLUMNS = slice(34, 37), 37
 _ROW = struct.Struct(f"{_COLUMNS}d")
 _NO_ORIENTATION, _NO_JOINTS, _UNTURNED = (np.nan,) * 4, (np.nan,) * JOINTS_MOST, (0.0,) * 3
 _NO_TORQUE = (np.nan,) * 3
-ROWS_AT_HAND = 64  # which the looks at what is going on ask for again and again
+ROWS_AT_HAND = 64  # that stay decoded: each update of the segments reads them again
 SAME_S = 1e-3  # two times this close are the same
-TURN_LOOKS = 200  # at a turn, 20 s
+TURN_OBSERVATIONS = 200  # at a turn, 20 s
 OPENINGS = 6000  # of the fingers, ten minutes: of a longer session some are left out
 POSES = 1200  # of a path, two minutes: of a longer one some are left out
-PRESS_LOOKS, PRESSES_AT_HAND = 600, 8
+PRESS_OBSERVATIONS, PRESSES_AT_HAND = 600, 8
 EMPTY_GRIPPER_M = 0.003  # fingers that settle closer than this hold nothing
 
 
@@ -177,10 +177,10 @@ class ObservationStore:
     def press(self, start: int, end: int) -> tuple[float, float, float]:
         """Return the median of the strong forces (3,) [N] from start to end, which is not included.
 
-        Touch and release are left out (`pressed_from`). At most PRESS_LOOKS observations are read, evenly
+        Touch and release are left out (`pressed_from`). At most PRESS_OBSERVATIONS are read, evenly
         spread. The median is taken on each axis, one of which is vertical.
         """
-        forces = self._forces(range(start, end, -(-(end - start) // PRESS_LOOKS)))
+        forces = self._forces(range(start, end, -(-(end - start) // PRESS_OBSERVATIONS)))
         sizes = np.sqrt(np.square(forces) @ np.ones(3))
         strong = forces[sizes >= pressed_from(sizes)]
         strong = np.sort(strong if self._upright is None else strong @ self._upright.T, axis=0)
@@ -189,8 +189,8 @@ class ObservationStore:
         return x, y, z
 
     def mean_force(self, start: int, end: int) -> Array:
-        """Return the mean force (3,) [N] from start to end, not included; of PRESS_LOOKS at most."""
-        mean: Array = self._forces(range(start, end, -(-(end - start) // PRESS_LOOKS))).mean(axis=0)
+        """Return the mean force (3,) [N] from start to end, not included; of PRESS_OBSERVATIONS at most."""
+        mean: Array = self._forces(range(start, end, -(-(end - start) // PRESS_OBSERVATIONS))).mean(axis=0)
         return mean
 
     def poses(self, t0: float, tn: float) -> tuple[Array, Array]:
@@ -228,9 +228,9 @@ class ObservationStore:
 
     def course(self, begin: int, last: int) -> Course:
         """Return the observations of a turn between two observations, evenly decimated to about
-        TURN_LOOKS.
+        TURN_OBSERVATIONS.
         """
-        rows = self._rows(begin, last, TURN_LOOKS)
+        rows = self._rows(begin, last, TURN_OBSERVATIONS)
         torques = rows[:, _TORQUE]
         return Course(
             positions=rows[:, _POSITION],
@@ -243,16 +243,16 @@ class ObservationStore:
     def torques(self, t0: float, tn: float) -> Array:
         """Return torques (n, 3) [Nm] about the flange at the observations between two times [s].
 
-        Without a tared torque there are none, (0, 3). More than PRESS_LOOKS are decimated evenly.
+        Without a tared torque there are none, (0, 3). More than PRESS_OBSERVATIONS are decimated evenly.
         """
-        torques = self._rows(self.nearest(t0), self.nearest(tn), PRESS_LOOKS)[:, _TORQUE]
+        torques = self._rows(self.nearest(t0), self.nearest(tn), PRESS_OBSERVATIONS)[:, _TORQUE]
         return np.empty((0, 3)) if np.isnan(torques).any() else torques.copy()
 
     def _rows(self, start: int, end: int, most: int) -> Array:
         """Return rows (n, columns) from one observation to another, evenly thinned to about `most`."""
-        looks = np.arange(start, end, -(-max(end - start, 1) // most))
-        if len(looks) < end - start:
-            return np.array([self._row(int(index)) for index in [*looks, end]])
+        indices = np.arange(start, end, -(-max(end - start, 1) // most))
+        if len(indices) < end - start:
+            return np.array([self._row(int(index)) for index in [*indices, end]])
         return np.frombuffer(self._log.read(start * _ROW.size, (end + 1) * _ROW.size)).reshape(-1, _COLUMNS)
 
     def vertical_force(self, start: int, end: int) -> tuple[float, float]:
@@ -309,11 +309,11 @@ def _read(log: AppendLog, index: int) -> Row:
     return _ROW.unpack(log.read(index * _ROW.size, (index + 1) * _ROW.size))
 
 
-def _read_forces(log: AppendLog, looks: range) -> Array:
+def _read_forces(log: AppendLog, indices: range) -> Array:
     """Return the forces (n, 3) [N] of the observations of a range."""
-    if looks.step > 1:
-        return np.array([_read(log, index)[_FORCE] for index in looks])
-    rows = np.frombuffer(log.read(looks.start * _ROW.size, looks.stop * _ROW.size))
+    if indices.step > 1:
+        return np.array([_read(log, index)[_FORCE] for index in indices])
+    rows = np.frombuffer(log.read(indices.start * _ROW.size, indices.stop * _ROW.size))
     return rows.reshape(-1, _COLUMNS)[:, _FORCE].copy()
 
 

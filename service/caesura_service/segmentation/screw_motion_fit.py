@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 
 AXES = 3
 LEAST_ANGLE_RAD = 0.1  # a turn by less has no axis to speak of
-LEAST_LOOKS = 5  # poses, below which there are fewer equations than make an error bar
+LEAST_POSES = 5  # poses, below which there are fewer equations than make an error bar
 NOISE_M = 1e-4  # by which a pose leaves a turn, beside which the prior scales count
 LEVER_M = 0.12  # prior scale of the lever along the axis: the length of a tool
 COMPLIANCE_M_PER_N = 1e-4  # prior scale of the compliance of what is pressed: a soft hand on a stiff screw
@@ -77,12 +77,12 @@ def screw_of(course: Course, *, pressed: bool) -> ScrewMotion | None:
     compliance.
     """
     angle = math.sqrt(course.turned[-1] @ course.turned[-1])
-    if angle < LEAST_ANGLE_RAD or len(course.positions) < LEAST_LOOKS:
+    if angle < LEAST_ANGLE_RAD or len(course.positions) < LEAST_POSES:
         return None
     turns = rotations_since(course.orientations)
     axis = axis_of(turns, course.turned[-1])
     counts = _strong(course.forces, PRESSED_SHARE) if pressed else np.ones(len(turns), bool)
-    if np.count_nonzero(counts) < LEAST_LOOKS or np.ptp(course.turned[counts] @ axis) < LEAST_ANGLE_RAD:
+    if np.count_nonzero(counts) < LEAST_POSES or np.ptp(course.turned[counts] @ axis) < LEAST_ANGLE_RAD:
         counts = np.ones(len(turns), bool)
     fit = fit_turn(course, turns, axis, counts, pressed=pressed)
     point = fit.point + axis * (axis @ (course.positions[0] - fit.point))

@@ -29,7 +29,7 @@ from caesura_service.segmentation.screw_motion_fit import Course
 Array = NDArray[np.float64]
 
 AXES = 3
-LEAST_LOOKS = 4  # poses, below which a centre explains any path
+LEAST_POSES = 4  # poses, below which a centre explains any path
 LEAST_RAD_PER_S = REST_M_PER_S / HANDS_BREADTH_M
 SWAY_M = 0.002  # of a step, beside which the prior of the centre counts
 
@@ -42,7 +42,7 @@ def is_turn_in_place(course: Course, duration_s: float, share: float) -> bool:
     steps = np.diff(course.positions, axis=0)
     angles = np.linalg.norm(np.diff(course.turned, axis=0), axis=1)
     angle, path = float(angles.sum()), float(np.linalg.norm(steps, axis=1).sum())
-    if len(course.positions) < LEAST_LOOKS or angle < LEAST_RAD_PER_S * duration_s or path > TOOL_M * angle:
+    if len(course.positions) < LEAST_POSES or angle < LEAST_RAD_PER_S * duration_s or path > TOOL_M * angle:
         return False
     sway = sway_of(course, steps)
     return float((sway**2).sum()) <= share * HANDS_BREADTH_M**2 * float((angles**2).sum())

@@ -10,7 +10,7 @@ import pytest
 
 from caesura_service.changepoint.constant_models import HoldingStates
 from caesura_service.program import Moment
-from caesura_service.segmentation.observation_store import PRESS_LOOKS, ObservationStore
+from caesura_service.segmentation.observation_store import PRESS_OBSERVATIONS, ObservationStore
 from caesura_service.segmentation.overflow_file import BLOCK
 from caesura_service.signals import Observation
 from service.sessions.observing import observation
@@ -44,7 +44,7 @@ def test_one_observation_is_its_own_press() -> None:
 
 
 def test_a_long_press_is_looked_at_here_and_there() -> None:
-    down = np.full(3 * PRESS_LOOKS + 1, 8.0)
+    down = np.full(3 * PRESS_OBSERVATIONS + 1, 8.0)
     assert history_of(down).press(0, len(down)) == pytest.approx((0.0, 0.0, 8.0))
 
 
@@ -120,7 +120,7 @@ def test_a_press_of_any_length_is_looked_at_where_it_was(
 ) -> None:
     every, history = long
     looks = ObservationStore()
-    for seen in every[start : end : -(-(end - start) // PRESS_LOOKS)]:
+    for seen in every[start : end : -(-(end - start) // PRESS_OBSERVATIONS)]:
         looks.append(seen)
     assert history.press(start, end) == looks.press(0, len(looks))
 

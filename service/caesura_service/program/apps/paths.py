@@ -32,7 +32,7 @@ MOST_TURN_RAD = math.radians(100.0)
 VIA_SHARE = 0.5
 TURN_RAD = math.radians(5.0)  # a turn in a rest from which on it is a movement
 OFF_SHARE, OFF_LEAST_M = 0.05, 0.0003  # of a short path it may be off; what a still hand moves
-BETWEEN = 3  # looks from one observation to the next
+BETWEEN = 3  # compared points from one observation to the next
 PARTS = 8  # pieces of a leg, which is compared piece by piece
 MOST_KEPT = 256  # paths that are kept for the next look
 
@@ -180,7 +180,7 @@ def reduced(
         align_signs(poses[:, 3:])
     demonstrated = Curve.through(t, poses, passing=passing)
     shown = demonstrated.sampled(BETWEEN)
-    near = np.minimum((np.arange(len(shown)) + BETWEEN // 2) // BETWEEN, n - 1)  # observation of each look
+    near = np.minimum((np.arange(len(shown)) + BETWEEN // 2) // BETWEEN, n - 1)  # observation of each point
     knots = _sides(poses)
     while True:
         curve = Curve.through(t[knots], poses[knots], passing=demonstrated.passing[knots])
@@ -272,8 +272,8 @@ def _worst(off: Array, leg: NDArray[np.int64], near: NDArray[np.int64], knots: l
     for number in np.flatnonzero(worst > 1.0).tolist():
         low, high = knots[number], knots[number + 1]
         if high - low > 1:
-            look = int(starts[number]) + int(np.argmax(off[leg == number]))
-            found.append((-float(worst[number]), min(max(int(near[look]), low + 1), high - 1)))
+            point = int(starts[number]) + int(np.argmax(off[leg == number]))
+            found.append((-float(worst[number]), min(max(int(near[point]), low + 1), high - 1)))
     return [index for _, index in sorted(found)]
 
 

@@ -14,19 +14,19 @@ from caesura_protocol.messages import Vector
 from caesura_protocol.programs.checks.fidelity import UNEVEN_SHARE
 from caesura_service.program.program_segment import PUSHES_BACK_N, UNLIKE_N, MomentAt, length
 
-HELD_LOOKS = 10  # observations in a row, one second, from which on a weaker force was held on purpose
-ASIDE_LOOKS = 5  # likewise of one in another direction, half a second: a touch has that of its press
-VARIED_LOOKS = 20  # observations, two seconds in all, from which on a weaker force is no touch or release
-SLACK_LOOKS = 3  # observations, the shortest segment, for which a press slackens or is over
-MOST_LOOKS = 1200  # observations of a press at which its forces are compared: two minutes, or evenly spread
+HELD_OBSERVATIONS = 10  # in a row, one second, from which on a weaker force was held on purpose
+ASIDE_OBSERVATIONS = 5  # likewise of one in another direction, half a second: a touch has that of its press
+VARIED_OBSERVATIONS = 20  # two seconds in all, from which on a weaker force is no touch or release
+SLACK_OBSERVATIONS = 3  # the shortest segment, for which a press slackens or is over
+MOST_OBSERVATIONS = 1200  # of a press whose forces are compared: two minutes, or evenly spread
 LEAN_COSINE = math.cos(math.radians(30.0))  # between two forces, up to which they press in two directions
 
 Array = NDArray[np.float64]
 
 
-def decimation(looks: int) -> int:
-    """Return of how many observations one is looked at, so that `MOST_LOOKS` are enough; at least 1."""
-    return max(-(-looks // MOST_LOOKS), 1)
+def decimation(observations: int) -> int:
+    """Return the step with which at most `MOST_OBSERVATIONS` of some observations are read; at least 1."""
+    return max(-(-observations // MOST_OBSERVATIONS), 1)
 
 
 @overload
@@ -42,7 +42,7 @@ def other_force_n(newton: float | Array) -> float | Array:
 
 
 def forces_felt(base: Vector, times: Sequence[float], moment_at: MomentAt) -> Array:
-    """Return the known forces (n, 3) [N] of a contact at times [s], `MOST_LOOKS` of them at most.
+    """Return the known forces (n, 3) [N] of a contact at times [s], `MOST_OBSERVATIONS` of them at most.
 
     base: the force [N] before the contact. times: of observations, none in a gap: there the nearest one would
     count again and again.
@@ -51,31 +51,33 @@ def forces_felt(base: Vector, times: Sequence[float], moment_at: MomentAt) -> Ar
     return np.array([one for one in forces if one is not None]).reshape(-1, 3) - base
 
 
-def weaker_force(felt: Array, force: Vector, looks: int, least_apart_n: float = UNLIKE_N) -> float | None:
+def weaker_force(
+    felt: Array, force: Vector, observations: int, least_apart_n: float = UNLIKE_N
+) -> float | None:
     """Return the size [N] of a force that was pressed with, where it is another one than `force`.
 
-    It is the least that was held: `HELD_LOOKS` observations in a row, without the largest and the least,
+    It is the least that was held: `HELD_OBSERVATIONS` in a row, without the largest and the least,
     differ by less than a touch. Of a force that varied it is the median of those below `force`, if they last
-    longer than a touch and a release. None without either. felt: (n, 3) [N]; looks: observations of the
-    press, of which n are felt; least_apart_n: by which another force is weaker.
+    longer than a touch and a release. None without either. felt: (n, 3) [N]; observations: how many the
+    press has, of which n are felt; least_apart_n: by which another force is weaker.
     """
     newtons = np.linalg.norm(felt, axis=1)
-    if newtons.size < HELD_LOOKS:
+    if newtons.size < HELD_OBSERVATIONS:
         return None
-    windows = np.sort(sliding_window_view(newtons, HELD_LOOKS), axis=1)
+    windows = np.sort(sliding_window_view(newtons, HELD_OBSERVATIONS), axis=1)
     steady = (windows[:, -2] - windows[:, 1] <= PUSHES_BACK_N) & (windows[:, 1] >= PUSHES_BACK_N)
-    least, most_n = windows[steady, HELD_LOOKS // 2].min(initial=np.inf), length(force) - least_apart_n
+    least, most_n = windows[steady, HELD_OBSERVATIONS // 2].min(initial=np.inf), length(force) - least_apart_n
     if least <= most_n:
         return float(least)
     weak = newtons[(newtons >= PUSHES_BACK_N) & (newtons <= most_n)]
-    lasting = weak.size * looks >= VARIED_LOOKS * newtons.size
+    lasting = weak.size * observations >= VARIED_OBSERVATIONS * newtons.size
     return float(np.median(weak)) if lasting else None
 
 
 def slackened_force(felt: Array, force: Vector) -> float | None:
     """Return the median size [N] to which a press slackened and rose again; None where it did not.
 
-    It was another, weaker force for `SLACK_LOOKS` observations in all, before and after which `force` was
+    It was another, weaker force for `SLACK_OBSERVATIONS` in all, before and after which `force` was
     held for two in a row. So it is no touch and no release, and an impact before it counts for nothing.
     felt: (n, 3) [N].
     """
@@ -86,19 +88,19 @@ def slackened_force(felt: Array, force: Vector) -> float | None:
         return None
     inside = slice(int(strong[0]), int(strong[-1]))
     slack = newtons[inside][weak[inside]]
-    return float(np.median(slack)) if len(slack) >= SLACK_LOOKS else None
+    return float(np.median(slack)) if len(slack) >= SLACK_OBSERVATIONS else None
 
 
 def last_pressed(felt: Array, force: Vector, rest_n: float) -> int | None:
     """Return the index of the last observation with a force; None if it is pressed, or let go, to the end.
 
-    After it, nothing is pressed for `SLACK_LOOKS` observations or longer: a force of `rest_n` [N] at most, as
+    After it, nothing is pressed for `SLACK_OBSERVATIONS` or longer: a force of `rest_n` [N] at most, as
     of an object that rests on what it was pressed on. felt: (n, 3) [N].
     """
     newtons, newton = np.linalg.norm(felt, axis=1), length(force)
     pressed = np.flatnonzero(newtons > newton - other_force_n(newton))
     after = newtons[pressed[-1] + 1 :] if len(pressed) else newtons[:0]
-    rests = len(after) >= SLACK_LOOKS and float(np.median(after)) <= rest_n
+    rests = len(after) >= SLACK_OBSERVATIONS and float(np.median(after)) <= rest_n
     return int(pressed[-1]) if rests else None
 
 
@@ -129,12 +131,12 @@ def _other(newtons: Array, newton: float) -> float | None:
 def force_aslant(felt: Array, force: Vector | Array) -> Vector | None:
     """Return the force [N] that the robot would exert as one held in another direction than `force`.
 
-    Of several the one that differs most; None without one. It is held if `ASIDE_LOOKS` observations in a row,
+    Of several the one that differs most; None without one. It is held if `ASIDE_OBSERVATIONS` in a row,
     without the furthest one, differ by less than a touch. felt: (n, 3) [N].
     """
-    if len(felt) < ASIDE_LOOKS:
+    if len(felt) < ASIDE_OBSERVATIONS:
         return None
-    windows = sliding_window_view(felt, ASIDE_LOOKS, axis=0)  # (k, 3, looks)
+    windows = sliding_window_view(felt, ASIDE_OBSERVATIONS, axis=0)  # (k, 3, observations)
     levels = np.median(windows, axis=2)
     off = np.sort(np.linalg.norm(windows - levels[:, :, None], axis=1), axis=1)
     sizes, apart = np.linalg.norm(levels, axis=1), np.linalg.norm(levels - force, axis=1)
@@ -146,14 +148,14 @@ def force_aslant(felt: Array, force: Vector | Array) -> Vector | None:
 def force_aside(felt: Array, force: Vector) -> Vector | None:
     """Return the force [N] that the robot would exert as one that was pushed aside, such as to and fro.
 
-    It differs from `force` by another force across it, for `HELD_LOOKS` observations in all. It is their
+    It differs from `force` by another force across it, for `HELD_OBSERVATIONS` in all. It is their
     median on the side of most of them. None without one. felt: (n, 3) [N] of a press without a way: a way
     has friction.
     """
     along = np.divide(force, length(force))
     aside = felt - (felt @ along)[:, None] * along
     apart = np.linalg.norm(aside, axis=1) >= UNLIKE_N
-    if np.count_nonzero(apart) < HELD_LOOKS:
+    if np.count_nonzero(apart) < HELD_OBSERVATIONS:
         return None
     furthest = aside[np.argmax(np.linalg.norm(aside, axis=1))]
     sides = apart & (aside @ furthest > 0.0), apart & (aside @ furthest < 0.0)

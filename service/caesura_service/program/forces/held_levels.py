@@ -18,7 +18,12 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Vector
-from caesura_service.program.forces.held_forces import HELD_LOOKS, decimation, forces_felt, other_force_n
+from caesura_service.program.forces.held_forces import (
+    HELD_OBSERVATIONS,
+    decimation,
+    forces_felt,
+    other_force_n,
+)
 from caesura_service.program.program_segment import (
     PUSHES_BACK_N,
     ROUNDED_S,
@@ -104,15 +109,15 @@ def held_levels(newtons: Array) -> list[tuple[int, int]]:
 
 def _levels(newtons: Array) -> list[_Level]:
     """Return the levels of the steady windows, in order: successive windows with one force are one level."""
-    if len(newtons) < HELD_LOOKS:
+    if len(newtons) < HELD_OBSERVATIONS:
         return []
-    windows = np.sort(sliding_window_view(newtons, HELD_LOOKS), axis=1)
-    middles = windows[:, HELD_LOOKS // 2]
+    windows = np.sort(sliding_window_view(newtons, HELD_OBSERVATIONS), axis=1)
+    middles = windows[:, HELD_OBSERVATIONS // 2]
     spread = windows[:, -2] - windows[:, 1]  # one observation beside a level belongs to the change
     steady = (spread <= BAND * other_force_n(middles)) & (windows[:, 1] >= PUSHES_BACK_N)
     levels: list[_Level] = []
     for first in np.flatnonzero(steady).tolist():
-        newton, end = float(middles[first]), first + HELD_LOOKS
+        newton, end = float(middles[first]), first + HELD_OBSERVATIONS
         last = levels[-1] if levels else None
         if last is None or abs(newton - last.newton) >= other_force_n(max(newton, last.newton)):
             levels.append(_Level(first, end, newton))

@@ -204,11 +204,11 @@ def _free_force(times: Sequence[float], context: Context) -> Vector:
 
     The first of the times may lie in a contact: the second begins after it.
     """
-    looks = round(BASE_S / OBSERVED_S)
-    forces = context.forces(times[: 2 * looks])
+    count = round(BASE_S / OBSERVED_S)
+    forces = context.forces(times[: 2 * count])
     if not len(forces):
         return 0.0, 0.0, 0.0
     apart = np.linalg.norm(forces - context.median(forces), axis=1) >= PUSHES_BACK_N
     begun = 0 if apart.all() else int(np.argmin(apart))
-    x, y, z = context.median(forces[begun : begun + looks]).tolist()
+    x, y, z = context.median(forces[begun : begun + count]).tolist()
     return x, y, z

@@ -23,7 +23,7 @@ from caesura_service.program.program_segment import (
 )
 
 SAME_SIDE = 0.5  # cosine between two forces; friction tilts that of a stroke, and a bias a weak one
-PRESS_LOOKS = 100  # observations of a press that are looked at
+PRESS_OBSERVATIONS = 100  # of a press that are read
 STROKE_REST_S = 0.5  # a rest at either end of a stroke that is shorter than this has no force of its own
 
 
@@ -86,7 +86,7 @@ NO_FORCES = ToolForces(np.empty((0, 3, 3)), np.empty((0, 3)), np.empty(0))
 
 def tool_forces(steps: Sequence[ProgramSegment], moment_at: MomentAt) -> ToolForces:
     """Return the known forces of steps, less their bases."""
-    seen = [(moment_at(t), step.base) for step in steps for t in _looks(step.segment)]
+    seen = [(moment_at(t), step.base) for step in steps for t in _observation_times(step.segment)]
     known = [(moment.axes, moment.force, base) for moment, base in seen if moment.force is not None]
     if not known:
         return NO_FORCES
@@ -129,10 +129,10 @@ def force_of_rests(rests: Sequence[ProgramSegment], felt: ToolForces) -> float |
     return None if force is None else length(force)
 
 
-def _looks(segment: Segment) -> list[float]:
-    """Return the times [s] of a segment's observations, evenly decimated to at most `PRESS_LOOKS`."""
+def _observation_times(segment: Segment) -> list[float]:
+    """Return the times [s] of a segment's observations, evenly decimated to at most `PRESS_OBSERVATIONS`."""
     times = observed(segment.t0, segment.tn)
-    return times[:: -(-len(times) // PRESS_LOOKS)]
+    return times[:: -(-len(times) // PRESS_OBSERVATIONS)]
 
 
 def same_side(here: NDArray[np.float64] | None, there: NDArray[np.float64] | None) -> bool:

@@ -65,8 +65,8 @@ def _turned_biases(apps: Sequence[App], moment_at: MomentAt, began: float, ended
         t0, tn = run[0].t0, run[-1].tn
         since = max(began, t0 - AROUND_S, before[0].t0 if before else began)
         until = min(ended, tn + AROUND_S, after[-1].tn if after else ended)
-        air = [*_looks(since, t0 - BESIDE_S), *_looks(tn + BESIDE_S, until)]
-        newton = _turned_n(air, _looks(t0, tn), moment_at)
+        air = [*_observation_times(since, t0 - BESIDE_S), *_observation_times(tn + BESIDE_S, until)]
+        newton = _turned_n(air, _observation_times(t0, tn), moment_at)
         if newton >= PUSHES_BACK_N:
             yield t0, tn, newton
 
@@ -79,7 +79,7 @@ def _newton(app: App) -> float:
     return max([taught, *(force.newton_taught for force in exerted_forces(app))])
 
 
-def _looks(t0: float, tn: float) -> list[float]:
+def _observation_times(t0: float, tn: float) -> list[float]:
     """Return the times [s] of the observations between two times, evenly decimated."""
     times = observed(t0, tn) if tn > t0 else []
     return times[:: decimation(len(times))]

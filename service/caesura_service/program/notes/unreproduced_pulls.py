@@ -15,7 +15,7 @@ from caesura_protocol.up_direction import UP
 from caesura_service.constants import GRAVITY
 from caesura_service.program.program_segment import UNLIKE_N, MomentAt, observed
 
-PULLED_LOOKS = 5  # observations in a row, half a second: what is lifted or set down touches for less
+PULLED_OBSERVATIONS = 5  # observations in a row, half a second: what is lifted or set down touches for less
 
 
 def unreproduced_pulls_note(apps: Iterable[App], moment_at: MomentAt, up: Vector = UP) -> str | None:
@@ -28,7 +28,7 @@ def unreproduced_pulls_note(apps: Iterable[App], moment_at: MomentAt, up: Vector
 
 
 def _pulls(apps: Iterable[App], moment_at: MomentAt, up: Vector) -> Iterator[str]:
-    """Yield text on each force that differed from the weight for `PULLED_LOOKS` observations in a row.
+    """Yield text on each force that differed from the weight for `PULLED_OBSERVATIONS` in a row.
 
     What moves against a resistance states its own force.
     """
@@ -36,10 +36,10 @@ def _pulls(apps: Iterable[App], moment_at: MomentAt, up: Vector) -> Iterator[str
         if app.load_kg is None or not APP_KINDS[app.kind].carries or is_resisted(app):
             continue
         felt = [force for t in observed(app.t0, app.tn) if (force := moment_at(t).force) is not None]
-        if len(felt) < PULLED_LOOKS:
+        if len(felt) < PULLED_OBSERVATIONS:
             continue
         apart = np.linalg.norm(np.array(felt) + GRAVITY * app.load_kg * np.array(up), axis=1)
-        held_n = float(sliding_window_view(apart, PULLED_LOOKS).min(axis=1).max())
+        held_n = float(sliding_window_view(apart, PULLED_OBSERVATIONS).min(axis=1).max())
         if held_n >= UNLIKE_N:
             weight = f"the weight of {fixed(app.load_kg, 2)} kg"
             yield f"a force of {fixed(held_n, 1)} N beside {weight} at {interval(app.t0, app.tn, 1)} s"

@@ -39,7 +39,7 @@ class SampleBatch(Message):
     """
 
     session: Name
-    epoch: Count  # how often the bridge has (re)started this session
+    epoch: Count  # of the bridge; a restarted one continues the session with a higher epoch
     seq: Count  # counts batches of the session from 0, without holes
     n: Annotated[int, Field(ge=1, le=MAX_BATCH_SAMPLES)]
     columns: Columns

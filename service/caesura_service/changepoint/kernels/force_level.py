@@ -176,7 +176,10 @@ def begin_continued_level(ctx, c, newborn):
 
 @compiled
 def add_past_observation(sums, at, place, past, i, channel, joins):
-    """Add observation i of the past to the sums of a level; joins: whether one is before it."""
+    """Add observation i of `state.past` to the sums of a level of the hypothesis at `place`.
+
+    at: first field of the level; joins: whether the level has an earlier observation, which whitens this one.
+    """
     rho, white = (channel.rho, channel.white) if joins else (0.0, 1.0)
     one = (1.0 - rho) * white
     for a in range(AXES):

@@ -50,7 +50,7 @@ PEAK, TOTAL, PRIORS, CONSTANTS = 5, 6, 7, 7 + MOST_SHARES
 
 @compiled
 def profile_model(ctx, c, joins):
-    """`ProfileModel`."""
+    """`ProfileModel`. Fields: origin 3, y 3, log pace, Σy² 3 if all precisions are 1."""
     model, state = model_at(ctx), state_at(ctx)
     channel, evidence = model.channels[c], state.channel[c]
     follow_origin(ctx, channel, joins)
@@ -80,7 +80,7 @@ def add_pace(ctx, channel, evidence, paces, joins):
 
 @compiled
 def add_target(ctx, channel, evidence):
-    """`DisplacementPrior.log_density`."""
+    """Add `DisplacementPrior.log_density` of every hypothesis to the evidence."""
     state = state_at(ctx)
     lanes, moved2, presence = lanes_of(state.counters[0].living), state.work[MOVED], state.work[PEAK]
     if channel.least:
@@ -223,7 +223,7 @@ def explain(ctx, channel, place, group, b, table, norms):
 
 @compiled
 def accumulate(first, second, third, weighed, a, b, c):
-    """Add a value of each of the three axes to the sums of every profile."""
+    """Add a value of each of the three axes, times each weighed profile, to the sums Σwyφ of the axes."""
     for k in range(BLOCK):
         first[k] += a * weighed[k]
         second[k] += b * weighed[k]
@@ -232,7 +232,7 @@ def accumulate(first, second, third, weighed, a, b, c):
 
 @compiled
 def accumulate_one(moments, weighed, new):
-    """Add a value of one axis to the sums of every profile."""
+    """Add a value of one axis, times each weighed profile, to the sums Σwyφ."""
     for k in range(BLOCK):
         moments[k] += new * weighed[k]
 

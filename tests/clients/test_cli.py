@@ -14,7 +14,7 @@ from caesura_clients.cli.commands import register
 from caesura_clients.cli.options import reported
 from caesura_clients.cli.result_tables import doubtful_apps
 from caesura_clients.cli.service_availability_lines import AvailabilityLines
-from caesura_clients.cli.start_stop_describe import _StatusPrinter
+from caesura_clients.cli.standby_loop import _StatusPrinter
 from caesura_clients.service_liveliness import watch_services
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError

@@ -30,7 +30,8 @@ from caesura_clients.cli.options import (
 from caesura_clients.cli.preset_and_scenario_names import PRESET_NAMES, SCENARIO_NAMES
 from caesura_clients.cli.result_tables import ignored_line, outcome_line, stored_whole
 from caesura_clients.cli.service_availability_lines import AvailabilityLines
-from caesura_clients.cli.start_stop_describe import DescriptionOptions, stand_by
+from caesura_clients.cli.standby_loop import stand_by
+from caesura_clients.cli.start_stop_describe import DescriptionOptions
 from caesura_clients.cli.stdin_markers import marking
 from caesura_clients.client import Caesura
 from caesura_clients.query import services, snapshots

@@ -57,7 +57,10 @@ def add_command(app: typer.Typer, name: str, place: str, *, takes_numbers: bool 
 
 
 def summary_of(place: str) -> str:
-    """The first paragraph of a function's docstring, read from the source of its module without an import."""
+    """Return the first paragraph of a function's docstring, read from its module's source without an import.
+
+    Raises ModuleNotFoundError.
+    """
     module, name = place.split(":")
     spec = find_spec(module)
     if spec is None or spec.origin is None:

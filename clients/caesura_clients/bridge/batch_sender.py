@@ -92,7 +92,10 @@ class BatchSender:
             self._has_ended = True
 
     def continue_from(self, seq: int) -> None:
-        """Continue the numbers of a predecessor: the next batch is `seq`. Only before the first batch."""
+        """Continue the numbers of a predecessor: the next batch is `seq`.
+
+        Raises ValueError after the first batch.
+        """
         with self._numbering:
             if len(self.ring):
                 raise ValueError(f"batches up to {self.last_seq} were sent before the session was open")

@@ -39,7 +39,7 @@ def validated(
 
 @contextmanager
 def refused_in_words(action: Refused, clock: SessionClock = NO_OFFSET) -> Iterator[None]:
-    """Convert a refusal of the service to a CaesuraError whose text states what to do.
+    """Raise a refusal of the service as a CaesuraError whose text states what to do.
 
     clock: of the session.
     """

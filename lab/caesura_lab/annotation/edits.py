@@ -81,6 +81,7 @@ def set_class(document: Document, t: float, *, kind: str | None) -> Document:
     """Set the class of the segment at t [s]; None removes it.
 
     Without a segment there, a new one reaches to the next major changepoints, segments or ends of the window.
+    Raises EditError if there is no segment to remove.
     """
     segments = list(document["segments"])
     at = segment_at(document, t)

@@ -165,7 +165,8 @@ class SkillController:
         """Follow an app's path.
 
         With `approach` (3,) until a contact in that direction, past the target if needed. passes_on: whether
-        the next app continues from its target without a rest.
+        the next app continues from its target without a rest. Raises RobotStopped without such a contact, for
+        one far from the taught one, and if the carried object is lighter or heavier than the app's load.
         """
         leaves_s = 0.0 if self.contact_direction is None else LEAVES_S
         self.release_contact()
@@ -213,7 +214,7 @@ class SkillController:
         with the tool. screw: the screw motion meanwhile, until it is tight. depth_m: depth by which the
         object yields; it is pushed in by the force alone, and slower towards the bottom. Half of the time
         remains for holding it there, so pushing in may take half as long again. None for a stroke, which may
-        lead up or down.
+        lead up or down. Raises RobotStopped without a contact, or beyond the depth.
         """
         if self.contact_direction is None:
             raise RobotStopped(NOTHING_TO_PRESS)

@@ -46,7 +46,7 @@ class ColumnMapping:
             raise self.error(str(error)) from error
 
     def section(self, key: str) -> Mapping[str, Any]:
-        """Return a table of the file, empty where it is missing."""
+        """Return a table of the file, empty where it is missing. Raises RecordingError for another value."""
         found = self.table.get(key, {})
         if not isinstance(found, Mapping):
             raise self.error(f"{key} is {found!r}, expected a table [{key}]")

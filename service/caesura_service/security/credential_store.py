@@ -75,7 +75,10 @@ class CredentialStore:
         self._write_router_files(authority, server, listen)
 
     def revoke(self, label: str) -> None:
-        """Revoke a certificate and a password, from the router's next start on."""
+        """Revoke a certificate and a password, from the router's next start on.
+
+        Raises SecurityError, which lists the certificates, for an unknown one.
+        """
         holder = _identity(label)
         certificate = self._file(holder.label, "crt")
         if not certificate.exists():

@@ -196,13 +196,16 @@ class SegmentationPipeline:
         return self._conditioner.due_s if self._first_second.is_over else -math.inf
 
     def push(self, samples: NDArray[np.float64]) -> bool:
-        """Process samples. Raises ValueError for impossible ones, and then changes nothing."""
+        """Process samples. Raises ValueError for impossible ones, which change no result.
+
+        After samples in an implausible unit every further push raises, too.
+        """
         is_news = self.push_without_program(samples)
         self.make_due_program()
         return is_news
 
     def push_without_program(self, samples: NDArray[np.float64]) -> bool:
-        """Push samples as `push` does; a due program is postponed to `make_due_program`."""
+        """Push samples as `push` does; a due program is postponed to `make_due_program`. Raises as `push`."""
         if (found := self._first_second.check(samples)) is not None:
             declare = f"declare the unit of {found.quantity} in the opening's `declared_units` if it is right"
             raise ValueError(f"implausible: {found}; {declare}")

@@ -160,7 +160,7 @@ class PipelineHost:
     def _push(self, samples: NDArray[np.float64], count: int, push: Push) -> list[Output]:
         """Push the samples of `count` batches.
 
-        Raises ProtocolError for invalid ones, and then changes nothing.
+        Raises ProtocolError for invalid ones, which change no result.
         """
         try:
             changed = _push(push, samples)  # may give way: what is published meanwhile is not retracted

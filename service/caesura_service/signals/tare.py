@@ -85,7 +85,7 @@ def baseline(forces: Array) -> tuple[Array, Array]:
     """Return the mean force (3,) and the standard deviation on each axis (3,) of forces (n, 3) [N], n >= 1.
 
     The difference of two baselines at rest, one before and one after a grasp, is the weight of the grasped
-    object.
+    object. Raises ValueError without a row.
     """
     if len(forces) == 0:
         raise ValueError("no force to take a baseline from, expected at least one row")

@@ -87,7 +87,7 @@ class Tables(LiveElement, component="web/tables.js"):
 
 
 class StartStop(LiveElement, component="web/start_stop.js"):
-    """Buttons Start and Stop of a station (`demonstration_control.controls`).
+    """Buttons Start and Stop of a station (`demonstration_requests.controls`).
 
     on_ask: called with each request.
     """
@@ -106,7 +106,7 @@ class HintBanner(LiveElement, component="web/hints.js"):
 
 
 class DescriptionForm(LiveElement, component="web/description.js"):
-    """Form that describes a session (`demonstration_control.description_of`). on_ask: as in StartStop."""
+    """Form that describes a session (`demonstration_requests.description_of`). on_ask: as in StartStop."""
 
     def __init__(
         self,

@@ -52,7 +52,7 @@ class FoundDivision:
 
 @dataclass(frozen=True)
 class RowOutcome:
-    """Measure one row of the thesis on one demonstration.
+    """The outcome of one row of the thesis on one demonstration.
 
     faults: what differs from the thesis, in words; values: as the row's, where every boundary is right;
     delays_s: for each boundary of an online row, how long after its event it was there for good, None if

@@ -71,8 +71,8 @@ def _reason(position: Array, flange: Array, orientation: Array) -> str:
         )
     if np.linalg.norm(position - HALF_TURN * flange, axis=1).max() < STEADY_M:
         return (
-            "They fit when they are turned by 180° about z, as base_link of ROS is against the base of UR's "
-            "controller. Turn positions, orientations and forces of that frame back."
+            "They fit once they are turned by 180° about z, as base_link of ROS is against the base of UR's "
+            "controller. Turn positions, orientations and forces in that frame by 180° about z."
         )
     return (
         "Is it another arm, another base frame, or another unit of the joints? State what it is, "

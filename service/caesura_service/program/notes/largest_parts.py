@@ -15,7 +15,7 @@ def largest_parts(
 
     most: the number of parts that are named.
     """
-    largest = sorted(found, key=size)[-most:]
-    yield from (text(one) for one in found if one in largest)
+    largest = sorted(range(len(found)), key=lambda number: size(found[number]))[-most:]
+    yield from (text(found[number]) for number in sorted(largest))
     if rest := len(found) - len(largest):
         yield f"{rest} {others}"

@@ -11,11 +11,12 @@ pytest.importorskip("playwright", reason="playwright is not installed (extra dev
 pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
 
 import typer
-from playwright.sync_api import Locator, expect
+from playwright.sync_api import Browser, Locator, expect
 from typer.testing import CliRunner
 
 from caesura_clients import Caesura
 from caesura_clients.cli.commands import register
+from caesura_clients.dashboard.web_components import WEB
 from caesura_clients.program_editing import reference
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, DuplicateApp, NameProgram, Program
@@ -193,6 +194,18 @@ def test_an_app_runs_earlier_and_later_and_edits_are_undone_and_made_again(desk:
     page.get_by_role("button", name="Delete app 1").press("Enter")
     expect(page.locator(".app")).to_have_count(2)
     expect(page.get_by_label("Edit app 1"), "the app that has taken its place").to_be_focused()
+
+
+def test_the_focus_is_passed_on_where_nothing_changes_after_its_button_is_hidden(browser: Browser):
+    """A browser takes the focus from what is hidden only once it draws the page: the focus was lost."""
+    visitor = Visitor(browser)
+    page = visitor.page
+    page.set_content("<p><button>Undo edit</button> <button>Redo edit</button></p>")
+    page.add_script_tag(content=(WEB / "focus.js").read_text("utf-8"), type="module")
+    page.get_by_text("Undo edit").press("Shift")
+    page.get_by_text("Undo edit").evaluate("(one) => { one.style.display = 'none'; }")
+    expect(page.get_by_text("Redo edit")).to_be_focused(timeout=10 * AGAIN_MS)
+    visitor.close()
 
 
 def new_app(card: Locator, kind: str) -> Locator:

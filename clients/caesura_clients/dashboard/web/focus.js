@@ -34,7 +34,8 @@ document.addEventListener("keydown", ({ key }) => {
   byKeys = true;
 }, true);
 
-const isLost = () => byKeys && held !== null && document.activeElement === document.body;
+// The browser takes the focus from what is hidden only once it draws the page.
+const isLost = () => byKeys && held !== null && (document.activeElement === document.body || (document.activeElement === held && !isUsable(held)));
 
 const pass = () => {
   due = 0;
@@ -48,5 +49,5 @@ const pass = () => {
 };
 
 new MutationObserver(() => {
-  if (!due && isLost()) due = setTimeout(pass, SETTLES_MS);
+  if (!due && byKeys && held !== null) due = setTimeout(pass, SETTLES_MS);
 }).observe(document, { childList: true, subtree: true, attributes: true, attributeFilter: ["class", "disabled", "hidden", "open", "style"] });

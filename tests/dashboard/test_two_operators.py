@@ -228,6 +228,29 @@ def test_tags_and_a_note_of_two_operators_both_count_and_undo_takes_one_back(bes
     assert (beside.stated.note, beside.stated.task) == (None, "wipe"), "undo leaves what others have set"
 
 
+def test_undo_waits_for_the_change_that_is_being_saved(beside: Beside, stage: Stage):
+    """It took the change before that one back."""
+    form = beside.open_description()
+    note, tags, undo = (form.locator(one) for one in (".name-note", ".name-tags", ".take-back"))
+    note.fill("calm hand")
+    note.press("Enter")
+    expect(form.locator(".saved")).to_contain_text("Saved.")
+    stage.service.freeze()
+    try:
+        tags.fill("left")
+        tags.press("Enter")
+        expect(form.locator(".saved")).to_contain_text("Saving …")
+        undo.dispatch_event("click")
+    finally:
+        stage.service.thaw()
+    expect(form.locator(".saved")).to_contain_text("Saved.")
+    assert (beside.stated.note, beside.stated.tags) == ("calm hand", ("left",))
+    undo.press("Enter")
+    expect(form.locator("summary")).not_to_contain_text("left")
+    expect(form.locator(".saved")).to_contain_text("Saved.")
+    assert (beside.stated.note, beside.stated.tags) == ("calm hand", ())
+
+
 TIMES = "() => document.querySelector('.plots').plots.state.changepoints.map(([t]) => t)"
 
 

@@ -50,7 +50,7 @@ export default {
         <button class="delete" @click="save({ deleted: !known.deleted })">{{ known.deleted ? "Restore" : "Delete" }}</button>
       </div>
       <staying class="saved" :class="{ failed }" :lines="editable ? 1 : 0"><template v-if="!refused && (message || known.deleted)">{{ message || gone }}
-        <button v-if="last && !failed" class="take-back" @click="undo">Undo</button></template></staying>
+        <button v-if="last && !failed" class="take-back" :aria-disabled="isAsking()" @click="undo">Undo</button></template></staying>
       <conflict v-if="editable && refused" :words="message" :is-met="refused.found !== null" :busy="asked.length > 0"
         @anyway="saveAnyway" @new-value="takeNew"></conflict>
     </details>`,

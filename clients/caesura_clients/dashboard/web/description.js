@@ -49,8 +49,8 @@ export default {
           <button class="no" :aria-pressed="String(known.success === false)" @click="judge(false)">No</button></span>
         <button class="delete" @click="save({ deleted: !known.deleted })">{{ known.deleted ? "Restore" : "Delete" }}</button>
       </div>
-      <staying class="saved" :class="{ failed }" :lines="editable ? 1 : 0"><template v-if="!refused && (message || known.deleted)">{{ message || gone }}
-        <button v-if="last && !failed" class="take-back" :aria-disabled="isAsking()" @click="undo">Undo</button></template></staying>
+      <staying class="saved" :class="{ failed }" :lines="editable ? 1 : 0"><template v-if="!refused && (said || known.deleted)">{{ said || gone }}
+        <button v-if="last && !failed && !isOverridden" class="take-back" :aria-disabled="isAsking()" @click="undo">Undo</button></template></staying>
       <conflict v-if="editable && refused" :words="message" :is-met="refused.found !== null" :busy="asked.length > 0"
         @anyway="saveAnyway" @new-value="takeNew"></conflict>
     </details>`,
@@ -63,6 +63,12 @@ export default {
   computed: {
     title() {
       return this.live && this.closed ? "Last demonstration" : "This demonstration";
+    },
+    isOverridden() { // what was deleted here, another operator has restored, or the other way round
+      return this.last !== null && "deleted" in this.last.changes && !this.isAsking() && this.last.changes.deleted !== this.known.deleted;
+    },
+    said() {
+      return this.isOverridden && !this.failed ? "" : this.message;
     },
     gone: () => "Deleted: lists leave it out; its samples stay until the journal's limits remove them.",
     stated() {

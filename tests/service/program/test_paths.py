@@ -33,13 +33,22 @@ def test_a_path_uses_half_of_its_tolerance(name: str) -> None:
     assert max(furthest_m) > 0.2 * TOLERANCE_M, "a path leads through fewer places than it was seen at"
 
 
+def poses_between(t0: float, tn: float) -> tuple[Any, Any]:
+    times = np.arange(round(10 * t0), round(10 * tn) + 1) / 10.0
+    return times, np.column_stack([times, 0.0 * times, 0.0 * times])
+
+
+def test_between_two_times_near_one_observation_there_is_no_path() -> None:
+    """A tool that hits, bounces and lands ends Move To Contact at the first observation of its movement."""
+    paths = Paths(poses_between)
+    assert paths.between(15.26, 15.34) is None
+    path = paths.between(15.26, 15.36)
+    assert path is not None
+    assert (path.start.t, path.tn) == (15.3, 15.4)
+
+
 def test_a_speed_that_is_not_settled_any_more_is_not_known() -> None:
     """Segments may merge again. A program that was made anew then had none, and the one that grew had one."""
-
-    def poses_between(t0: float, tn: float) -> tuple[Any, Any]:
-        times = np.arange(round(10 * t0), round(10 * tn) + 1) / 10.0
-        return times, np.column_stack([times, 0.0 * times, 0.0 * times])
-
     paths = Paths(poses_between, settled_until=2.0)
     assert paths.speeds_at(1.0) == pytest.approx((1.0, 0.0))
     paths.settled_until = 0.5

@@ -55,7 +55,9 @@ class Paths:
     def between(
         self, t0: float, tn: float, *, begins_moving: bool = False, ends_moving: bool = False
     ) -> AppPath | None:
-        """Return the path from one time to another [s]; None if it is not settled yet.
+        """Return the path from one time to another [s].
+
+        None if it is not settled yet, and where one observation is the nearest to both times.
 
         begins_moving, ends_moving: whether it states the hand's velocity at its start and at its end.
         """
@@ -64,6 +66,8 @@ class Paths:
         key = t0, tn, begins_moving, ends_moving
         if (found := self._kept.get(key)) is None:
             t, poses = self.poses_between(t0, tn)
+            if len(t) < 2:
+                return None
             passing = np.full((len(t), 6), np.nan)
             if begins_moving:
                 passing[0] = self._passing_at(float(t[0]))

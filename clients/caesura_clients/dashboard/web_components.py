@@ -121,8 +121,13 @@ class DescriptionForm(LiveElement, component="web/description.js"):
         self.on("ask", on_ask)
 
     def answered(self, message: str, *, failed: bool, found: dict[str, Any] | None = None) -> None:
-        """Show the outcome of a change. found: values that another operator has set meanwhile."""
+        """Show the outcome of a change. found: values that another operator has set meanwhile.
+
+        The next call of `show` sends its description also if it equals the last one: another operator may
+        have reverted the change before the browser was sent it.
+        """
         self.run_method("answered", message, failed, found)
+        self._last = None
 
 
 class RecordingDrop(LiveElement, component="web/recordings.js"):

@@ -24,9 +24,9 @@ LEAN_COSINE = math.cos(math.radians(30.0))  # between two forces, up to which th
 Array = NDArray[np.float64]
 
 
-def decimation(observations: int) -> int:
-    """Return the step with which at most `MOST_OBSERVATIONS` of some observations are read; at least 1."""
-    return max(-(-observations // MOST_OBSERVATIONS), 1)
+def decimation(observations: int, most: int = MOST_OBSERVATIONS) -> int:
+    """Return the step with which at most `most` of some observations are read; at least 1."""
+    return max(-(-observations // most), 1)
 
 
 @overload

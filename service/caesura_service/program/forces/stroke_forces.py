@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Segment, Vector
-from caesura_service.program.forces.held_forces import force_aslant
+from caesura_service.program.forces.held_forces import decimation, force_aslant
 from caesura_service.program.forces.pressed_force import pressed_from
 from caesura_service.program.program_segment import (
     BASE_AXES,
@@ -132,7 +132,7 @@ def force_of_rests(rests: Sequence[ProgramSegment], felt: ToolForces) -> float |
 def _observation_times(segment: Segment) -> list[float]:
     """Return the times [s] of a segment's observations, evenly decimated to at most `PRESS_OBSERVATIONS`."""
     times = observed(segment.t0, segment.tn)
-    return times[:: -(-len(times) // PRESS_OBSERVATIONS)]
+    return times[:: decimation(len(times), PRESS_OBSERVATIONS)]
 
 
 def same_side(here: NDArray[np.float64] | None, there: NDArray[np.float64] | None) -> bool:

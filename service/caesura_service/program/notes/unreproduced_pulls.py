@@ -15,7 +15,7 @@ from caesura_protocol.up_direction import UP
 from caesura_service.constants import GRAVITY
 from caesura_service.program.program_segment import UNLIKE_N, MomentAt, observed
 
-PULLED_OBSERVATIONS = 5  # observations in a row, half a second: what is lifted or set down touches for less
+PULLED_OBSERVATIONS = 5  # in a row, half a second: what is lifted or set down touches for less
 
 
 def unreproduced_pulls_note(apps: Iterable[App], moment_at: MomentAt, up: Vector = UP) -> str | None:
